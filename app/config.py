@@ -17,7 +17,7 @@ from typing import Annotated
 from tyro.conf import Suppress, UseAppendAction, arg
 
 from app.errors import RunError
-from app.flags import File, MinutesFlag, text_type
+from app.flags import File, MinutesFlag, parsed_type
 
 PROJECT = Path(__file__).resolve().parents[1]
 BUNDLED_WEIGHTS = PROJECT / "model" / "weights"
@@ -101,7 +101,10 @@ def read_accounts(path: str) -> tuple[tuple[str, str], ...]:
         raise RunError(f"The accounts file {path} cannot be read: {error}.") from error
     pairs = [tuple(line.partition(":")[::2]) for line in lines if line and line[0] != "#"]
     if not pairs or not all(name and password for name, password in pairs):
-        raise RunError(f"{path} must contain at least one line of the form NAME:PASSWORD.")
+        raise RunError(
+            f"Every line of {path} must have the form NAME:PASSWORD (# starts a comment), and at "
+            "least one is needed."
+        )
     return tuple((name, password) for name, password in pairs)
 
 
@@ -123,7 +126,7 @@ def default_root_path() -> str:
     return os.environ.get("GRADIO_ROOT_PATH") or ""
 
 
-def default_body() -> Path | None:
+def body_from_environment() -> Path | None:
     """Return the path of the licensed SMPL-X file in SMPLX_MODEL, or None."""
     value = os.environ.get("SMPLX_MODEL")
     return Path(value) if value else None
@@ -137,7 +140,7 @@ class AppConfig:
     """Address to listen on."""
     port: int = field(default_factory=default_port)
     """Port to listen on; 0 takes the first free one from 7860 on."""
-    body: File = field(default_factory=default_body)
+    body: File = field(default_factory=body_from_environment)
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
     open body."""
     weights: Annotated[Path, arg(metavar="DIR")] = BUNDLED_WEIGHTS
@@ -145,7 +148,7 @@ class AppConfig:
     host_names: Annotated[Several, arg(name="host-name", metavar="NAME")] = ()
     """Further name under which people reach the page, besides the names of this machine and --host;
     may be repeated."""
-    proxies: Annotated[Several, arg(name="proxy", metavar="ADDRESS")] = ()
+    trusted_proxies: Annotated[Several, arg(name="proxy", metavar="ADDRESS")] = ()
     """Address of a proxy with trusted X-Forwarded headers; may be repeated. By default a proxy on
     this machine is trusted, except for X-Forwarded-Host."""
     root_path: Annotated[str, arg(metavar="PATH")] = field(default_factory=default_root_path)
@@ -153,9 +156,9 @@ class AppConfig:
     by default $GRADIO_ROOT_PATH."""
     frame_ancestors: Annotated[Several, arg(name="embed-in", metavar="ORIGIN")] = ()
     """Site that may show the page in a frame, such as https://lab.example; may be repeated. By
-    default only the page itself may, and in a hosted space also the host's site."""
+    default only the page's own site may, and in a hosted space also the host's site."""
     accounts: Annotated[
-        tuple[tuple[str, str], ...], text_type(read_accounts, "FILE", "none"), arg(name="auth")
+        tuple[tuple[str, str], ...], parsed_type(read_accounts, "FILE", "none"), arg(name="auth")
     ] = ()
     """File with lines of NAME:PASSWORD; visitors must log in with one of them."""
     run_to_open: Annotated[File, arg(name="open", metavar="FOLDER")] = None
@@ -163,27 +166,27 @@ class AppConfig:
     max_speech_s: MinutesFlag = 600.0
     """Maximum length of a speech."""
     min_speech_s: Suppress[float] = 0.5
-    max_upload: Suppress[str] = "250mb"
+    max_upload_size: Suppress[str] = "250mb"
     """Upload limit of Gradio. Ten minutes of 48 kHz stereo are 115 MB."""
     max_queue_size: Suppress[int] = 32
     """Maximum length of the queue, including background videos and excluding checks of uploads."""
     result_lifetime_s: Suppress[float] = 3600.0
     """Age (s) at which results and uploads are deleted."""
-    max_stored_bytes: Suppress[int] = 4 * 10**9
+    max_stored_bytes_per_address: Suppress[int] = 4 * 10**9
     """Most bytes of uploads and runs that one address may have on the disk."""
     max_run_s: Suppress[float] = 2 * 3600.0
-    max_run_bytes: Suppress[int] = 4 * 10**9
+    max_run_memory_bytes: Suppress[int] = 4 * 10**9
     """Memory (bytes) that a run may use in addition to the models."""
     min_free_bytes: Suppress[int] = 10**9
     """Disk space (bytes) that always stays free."""
-    temp: Suppress[Path] = field(
+    temp_folder: Suppress[Path] = field(
         default_factory=lambda: Path(tempfile.gettempdir()) / f"cospeech-{_user()}"
     )
 
     def __post_init__(self) -> None:
         if not 0 <= self.port <= 65535:
             raise RunError(f"The port must be from 0 to 65535; got {self.port}.")
-        for proxy in self.proxies:
+        for proxy in self.trusted_proxies:
             if not _is_network(proxy):
                 raise RunError(
                     "--proxy takes an address such as 10.0.0.2 or a network such as 10.0.0.0/8; "
@@ -204,16 +207,16 @@ class AppConfig:
 
     @property
     def jobs_folder(self) -> Path:
-        return self.temp / "jobs"
+        return self.temp_folder / "jobs"
 
     @property
     def private_folder(self) -> Path:
         """Folder of files that wait for a single visitor and are never served by path."""
-        return self.temp / "private"
+        return self.temp_folder / "private"
 
     @property
     def cache_folder(self) -> Path:
-        return self.temp / "gradio"
+        return self.temp_folder / "gradio"
 
 
 def _is_network(value: str) -> bool:

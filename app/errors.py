@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 
 class RunError(ValueError):
-    """Error of a run that cannot be done, with one sentence on the reason and what to do."""
+    """Error with one sentence for the user: in a run, flag, file or study, and what to do."""
 
 
 class DiskFullError(RunError):
@@ -100,10 +100,8 @@ def _file_sentence(error: OSError) -> str:
     if is_disk_full(error):
         return disk_full_sentence(folder)
     if path is not None and _is_unreadable(path):
-        return (
-            f"There is no permission to read {path}; change its permissions or give another file."
-        )
-    return f"There is no permission to write to {folder or 'the folder'}; choose another one."
+        return f"Permission to read {path} was denied; change its permissions or give another file."
+    return f"Permission to write to {folder or 'the folder'} was denied; choose another folder."
 
 
 def _is_unreadable(path: Path) -> bool:

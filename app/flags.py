@@ -26,11 +26,8 @@ from conventions.names import printable
 from model.systems.registry import families
 
 
-def text_type(
-    parse: Callable[[str], Any],
-    metavar: str,
-    default: str = "",
-    show: Callable[[Any], str] = str,
+def parsed_type(
+    parse: Callable[[str], Any], metavar: str, default: str = "", show: Callable[[Any], str] = str
 ) -> PrimitiveConstructorSpec[Any]:
     """Make the annotation of a type that is parsed from one word, in flags and forms.
 
@@ -48,19 +45,15 @@ def text_type(
 
 
 @dataclass(frozen=True)
-class Switch:
+class CheckboxValues:
     """Annotation of a type for which a check box selects one of two values."""
 
-    on: str
-    off: str
+    checked: str
+    unchecked: str
 
 
-def parse_names(flag: str) -> tuple[str, ...]:
-    """Parse ``A,B`` into a tuple of names; ``all`` gives the empty tuple.
-
-    Raises:
-        RunError: if there is no name.
-    """
+def parse_names_or_all(flag: str) -> tuple[str, ...]:
+    """Parse ``A,B`` into a tuple of names, empty for ``all``; raises RunError without a name."""
     names = tuple(name.strip() for name in flag.split(",") if name.strip())
     if not names:
         raise RunError("give at least one name")
@@ -76,7 +69,7 @@ def choice_type(choices: tuple[Any, ...]) -> PrimitiveConstructorSpec:
                 return choice
         raise RunError(f"{flag!r} is not one of {', '.join(map(str, choices))}")
 
-    return text_type(read, "|".join(map(str, choices)), show=_shortest)
+    return parsed_type(read, "|".join(map(str, choices)), show=_shortest)
 
 
 def _shortest(value: Any) -> str:
@@ -95,13 +88,13 @@ def subset_type(
     """
 
     def read(flag: str) -> tuple[str, ...]:
-        names = () if flag and flag == none else parse_names(flag)
+        names = () if flag and flag == none else parse_names_or_all(flag)
         for name in names:
             if name not in choices:
                 raise RunError(refusal.format(name=name, names=", ".join(choices)))
         return tuple(dict.fromkeys(names))
 
-    return text_type(read, metavar, none, ",".join)
+    return parsed_type(read, metavar, none, ",".join)
 
 
 def negative_flag(name: str, about: str) -> Any:
@@ -110,31 +103,27 @@ def negative_flag(name: str, about: str) -> Any:
 
 
 def parse_count(flag: str) -> int:
-    """Parse a whole number of at least 1.
-
-    Raises:
-        RunError: if it is none.
-    """
+    """Parse a whole number of at least 1; raises RunError for all else."""
     if not flag.isdecimal() or int(flag) < 1:
         raise RunError(f"{flag!r} is not a whole number of at least 1")
     return int(flag)
 
 
-File = Annotated[Path | None, text_type(Path, "FILE", "none")]
+File = Annotated[Path | None, parsed_type(Path, "FILE", "none")]
 FileOrDefault = Annotated[File, arg(help_behavior_hint="")]
 """File whose help text says what is used by default."""
-Text = Annotated[str | None, text_type(str, "NAME", "the first speaker")]
-Names = Annotated[tuple[str, ...], text_type(parse_names, "A,B,...", "all", ",".join)]
-Count = Annotated[int | None, text_type(parse_count, "N", "none")]
+Text = Annotated[str | None, parsed_type(str, "NAME", "the first speaker")]
+Names = Annotated[tuple[str, ...], parsed_type(parse_names_or_all, "A,B,...", "all", ",".join)]
+Count = Annotated[int | None, parsed_type(parse_count, "N", "none")]
 MinutesFlag = Annotated[
     float,
-    text_type(lambda value: 60 * float(value), "N", show=lambda seconds: f"{seconds / 60:g}"),
+    parsed_type(lambda value: 60 * float(value), "N", show=lambda seconds: f"{seconds / 60:g}"),
     arg(name="max-minutes"),
 ]
 """Duration in seconds that is entered in minutes."""
 
 
-def family_files() -> Any:
+def family_files_annotation() -> Any:
     """Make the annotation of an argument with one flag for each file that a system family needs."""
     files = [file for family in families() for file in family.files]
     named = [
@@ -142,7 +131,7 @@ def family_files() -> Any:
             _name_of(file.flag),
             Annotated[
                 Path | None,
-                text_type(Path, file.metavar),
+                parsed_type(Path, file.metavar),
                 arg(help=file.help, help_behavior_hint=""),  # it says the default
             ],
             field(default=None),
@@ -153,11 +142,7 @@ def family_files() -> Any:
 
 
 def set_family_files(paths: Mapping[str, Any]) -> None:
-    """Export the paths of family files to this process and its children, and check the files.
-
-    Raises:
-        CheckpointError, EncoderError: if a named file is missing or incomplete.
-    """
+    """Export family files to all processes; raises CheckpointError or EncoderError if missing."""
     for family in families():
         for file in family.files:
             path = paths[_name_of(file.flag)]
@@ -217,7 +202,7 @@ FLAG_GROUP_TITLES: Mapping[str, str] = {
     "speech options": "Speech",
     "sampling options": "Systems and sampling",
     "planning options": "Plan",
-    "imports options": "Reference motion, and how to read motion files",
+    "imports options": "Reference motion and import settings",
     "motions options": "Motions",
     "metrics options": "Metrics",
     "options": "Options",

@@ -24,16 +24,16 @@ from app.config import BUNDLED_WEIGHTS, drop_missing_matplotlib_backend, http_pr
 from app.errors import RunError
 from app.findings.metric_table import (
     METRICS,
-    format_value,
+    format_three_digits,
     metric_definition,
     metric_values,
     nearest_names,
 )
 from app.run.batch.table import title_with_unit
-from app.run.bodies import TrackedPoint
+from app.run.bodies import PointTracker
 from app.run.callbacks import RunCallbacks
 from app.run.diagnostics import cached_speech_onsets, measure_motions
-from app.run.generated_motions import make_plan
+from app.run.generated_motions import write_plan_from_speech
 from app.run.output.console import ProgressBars
 from app.run.output.run_folder import RunRecord, row_files
 from app.run.pipeline import generate as _generate
@@ -41,14 +41,14 @@ from app.run.requests.convert import request_from
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from app.run.requests.requests import GenerateRequest, PlanRequest, RenderRequest
 from app.run.run_writer import open_run_writer
-from app.run.videos.export import render_motion
+from app.run.videos.export import render_or_export_motion
 from conventions.names import REFERENCE_NAME, FilterVersion
 from model.diagnostics import Diagnostics
 from model.formats.read import read_any_motion
 from model.formats.reading import parse_import_overrides
 from model.metrics.lag import speech_bands_by_frame
 from model.metrics.protocols.table import protocol_of
-from model.metrics.reference_error import rotation_difference_by_part
+from model.metrics.reference_error import rotation_difference_by_part_deg
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion, save_motion
 from model.plan.detection import plan_from_motion
@@ -57,7 +57,7 @@ from model.plan.plan import GesturePlan
 from model.speech.audio import Speech, load_speech, write_wav
 from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript
 from model.storage.files import write_atomically
-from model.systems.registry import default_planner, family_of, list_systems
+from model.systems.registry import default_planning_system, family_of, list_systems
 
 drop_missing_matplotlib_backend()
 with http_proxies_disabled():  # it imports Gradio
@@ -71,10 +71,10 @@ __all__ = [
     "detect_plan",
     "diagnose",
     "generate",
-    "plan",
     "read_motion",
     "read_speech",
     "render",
+    "sample_plan",
     "show",
     "systems",
 ]
@@ -83,7 +83,11 @@ SpeechLike = str | Path | Speech | tuple[np.ndarray, int]
 MotionLike = str | Path | Motion
 PlanLike = str | Path | GesturePlan
 HEIGHT_PX = 880
-_FORMER_NAMES = {"Performance": "GenerationResult", "find_plan": "detect_plan"}
+_FORMER_NAMES = {
+    "Performance": "GenerationResult",
+    "find_plan": "detect_plan",
+    "plan": "sample_plan",
+}
 RUN = "run"
 """Folder of the run, next to the input files."""
 
@@ -106,11 +110,7 @@ def systems() -> dict[str, str]:
 
 
 def read_speech(speech: SpeechLike) -> Speech:
-    """Load speech as the input of the systems: 16 kHz, mono.
-
-    Raises:
-        SpeechError: if the speech cannot be used.
-    """
+    """Load speech as the input of the systems: 16 kHz, mono."""
     if isinstance(speech, Speech):
         return speech
     with TemporaryDirectory() as folder:
@@ -152,7 +152,7 @@ def motions_by_name(
     elif isinstance(motions, Motion):
         motions = {"motion": motions}
     if not motions:
-        raise RunError("There is no motion; give at least one.")
+        raise RunError("No motion was given; give at least one.")
     recorded = {} if reference is None else {REFERENCE_NAME: reference}
     return {name: read_motion(motion) for name, motion in {**motions, **recorded}.items()}
 
@@ -230,11 +230,13 @@ def show(
         return Player(standalone_html(Path(motions)), height)
     named = motions_by_name(motions, reference)
     audio = None if speech is None else read_speech(speech)
-    tip = TrackedPoint(joint)
-    record = RunRecord(kind="imported", title="Co-speech motion", point=joint)
+    tracker = PointTracker(joint)
+    record = RunRecord(kind="imported", title="Co-speech motion", tracked_point=joint)
     with TemporaryDirectory() as folder:
         with open_run_writer(Path(folder), record, is_incremental=True) as run:
-            run.write_timeline(run.write_viewer_files(named, audio, tip), EMPTY_TRANSCRIPT)
+            run.write_timeline(
+                run.write_motions_and_make_timeline(named, audio, tracker), EMPTY_TRANSCRIPT
+            )
             run.finish("")
         return Player(standalone_html(Path(folder)), height)
 
@@ -267,12 +269,12 @@ def diagnose(
         '81 m/s³'
     """
     named = motions_by_name(motions, reference)
-    tip = TrackedPoint(joint)
+    tracker = PointTracker(joint)
     sound = None if speech is None else read_speech(speech)
     with ProgressBars(is_visible=progress, stays=False) as bars:
         return measure_motions(
             named,
-            tip,
+            tracker,
             onsets_s=None if sound is None else cached_speech_onsets(sound),
             speech_bands=None if sound is None else speech_bands_by_frame(sound.waveform),
             on_share=partial(bars.update, "measure"),
@@ -291,13 +293,13 @@ class Comparison:
     table: DataFrame
     """Table with a row for each metric, by keys such as ``tracked_point_jerk_m_s3``, and a column
     for each motion; None if a metric does not apply."""
-    nearest: Mapping[str, Sequence[str]]
+    nearest_to_reference: Mapping[str, Sequence[str]]
     """Names of the motions nearest to the reference, by metric."""
     rotation_difference_deg: Mapping[tuple[str, str], Mapping[str, float]]
     """Mean angle (degrees) between the joint rotations of two motions, by pair and body part, the
     largest first."""
-    protocols: Mapping[str, str]
-    """Ids of the protocols by metric; values of different protocols cannot be compared."""
+    protocol_id_by_metric: Mapping[str, str]
+    """Ids of the protocols; values of different protocols cannot be compared."""
 
     @property
     def apart_deg(self) -> Mapping[tuple[str, str], Mapping[str, float]]:
@@ -305,22 +307,35 @@ class Comparison:
         _warn_of_name("apart_deg", "rotation_difference_deg")
         return self.rotation_difference_deg
 
+    @property
+    def nearest(self) -> Mapping[str, Sequence[str]]:
+        """Former name of ``nearest_to_reference``."""
+        _warn_of_name("nearest", "nearest_to_reference")
+        return self.nearest_to_reference
+
+    @property
+    def protocols(self) -> Mapping[str, str]:
+        """Former name of ``protocol_id_by_metric``."""
+        _warn_of_name("protocols", "protocol_id_by_metric")
+        return self.protocol_id_by_metric
+
     def __repr__(self) -> str:
-        return self.table.map(format_value).to_string()
+        return self.table.map(format_three_digits).to_string()
 
     def _repr_html_(self) -> str:
-        cells = self.table.map(format_value)
-        for key, names in self.nearest.items():
+        cells = self.table.map(format_three_digits)
+        for key, names in self.nearest_to_reference.items():
             for name in names:
                 cells.loc[key, name] = f"<b>{cells.loc[key, name]}</b>"
         cells = cells.rename(index=self._explained, columns=escape)
-        note = "<p>As generated. Bold: nearest to the reference.</p>"
+        note = "<p>As generated. Bold: closest to the reference.</p>"
         return note + cells.to_html(escape=False, border=0)
 
     def _explained(self, key: str) -> str:
         """Format the title of a metric as HTML with its rule and protocol as a tooltip."""
         measure = next(measure for measure in METRICS if measure.key == key)
-        about = f"{metric_definition(key, self.protocols[key])} Protocol {self.protocols[key]}."
+        protocol = self.protocol_id_by_metric[key]
+        about = f"{metric_definition(key, protocol)} Protocol {protocol}."
         return f'<span title="{escape(about)}">{escape(title_with_unit(measure))}</span>'
 
 
@@ -343,7 +358,7 @@ def compare(
     if diagnostics is None:
         diagnostics = diagnose(named, speech=speech, progress=False)
     of_all = diagnostics.all_motions
-    numbers = {name: metric_values(versions.of(kind)) for name, versions in of_all.items()}
+    numbers = {name: metric_values(versions.version(kind)) for name, versions in of_all.items()}
     rows: dict[str, dict[str, float | None]] = {}
     best: dict[str, Sequence[str]] = {}
     for measure in METRICS:
@@ -354,10 +369,11 @@ def compare(
             others = {name: values[name] for name in diagnostics.systems}
             best[measure.key] = nearest_names(others, target)
     apart = {
-        (a, b): rotation_difference_by_part(named[a], named[b]) for a, b in combinations(named, 2)
+        (a, b): rotation_difference_by_part_deg(named[a], named[b])
+        for a, b in combinations(named, 2)
     }
     table = DataFrame(list(rows.values()), list(rows), list(of_all), dtype=object)
-    protocols = {key: protocol_of(key, diagnostics.beat_speeds) for key in rows}
+    protocols = {key: protocol_of(key, diagnostics.beat_speed_source) for key in rows}
     return Comparison(table, best, apart, protocols)
 
 
@@ -414,9 +430,9 @@ def generate(
         reference: recorded motion of the same speech, to be measured and shown with the others.
         options: further fields of `app.run.requests.requests.GenerateRequest` and its parts, such
             as ``seed``, ``speaker``, ``samples``, ``steps``, ``transcript`` or
-            ``words="recognise"``.
+            ``word_source="recognise"``.
     """
-    systems = default_planner() if systems is None else systems
+    systems = default_planning_system() if systems is None else systems
     named = () if systems == "all" else (systems,) if isinstance(systems, str) else tuple(systems)
     held = TemporaryDirectory()
     folder = Path(held.name)
@@ -447,7 +463,7 @@ def generate(
     )
 
 
-def plan(speech: SpeechLike, **options: Any) -> GesturePlan:
+def sample_plan(speech: SpeechLike, **options: Any) -> GesturePlan:
     """Sample the gesture plan that a system would follow for a speech; see `model.plan.plan`.
 
     Args:
@@ -456,12 +472,12 @@ def plan(speech: SpeechLike, **options: Any) -> GesturePlan:
     with TemporaryDirectory() as held:
         sound, out = as_file(Path(held), speech), Path(held, "drawn.json")
         values = {"speech": sound, "out": out, **_paths(options)}
-        return make_plan(request_from(PlanRequest, values)).plan
+        return write_plan_from_speech(request_from(PlanRequest, values)).plan
 
 
 def _paths(options: Mapping[str, Any]) -> dict[str, Any]:
     if "recognise_words" in options:
-        raise RunError('There is no option recognise_words; use words="recognise".')
+        raise RunError('There is no option recognise_words; use word_source="recognise".')
     files = ("weights", "transcript", "style", "body")
     return {
         name: Path(value) if name in files and isinstance(value, str) else value
@@ -483,7 +499,8 @@ def render(
         out: file with the suffix .mp4, .png, .glb, .bvh or .blender.npz.
         speech: sound of the video.
         options: further fields of `app.run.requests.requests.RenderRequest`, such as ``size``,
-            ``views``, ``close_ups``, ``framing``, ``num_stills`` or ``sheet_every``.
+            ``views``, ``close_ups``, ``framing``, ``num_stills`` or
+            ``contact_sheet_interval``.
 
     Returns:
         The files that were written.
@@ -492,5 +509,7 @@ def render(
     with TemporaryDirectory() as held, ProgressBars(is_visible=progress, stays=False) as bars:
         moved, sound = (as_file(Path(held), path) for path in (motion, speech))
         values = {"motion": moved, "out": out, "speech": sound, **_paths(options)}
-        files, _ = render_motion(request_from(RenderRequest, values), RunCallbacks(bars.on_event))
+        files, _ = render_or_export_motion(
+            request_from(RenderRequest, values), RunCallbacks(bars.on_event)
+        )
     return files

@@ -34,7 +34,7 @@ LADDER_TAB = "Systems"
 STUDY_TAB = "User study"
 
 
-SPEECH_HELP = "Upload or record {min_s:g} seconds to {max_min:g} minutes."
+SPEECH_HELP = "Upload or record speech of {min_s:g} seconds to {max_min:g} minutes."
 OWN_GROUP, ABLATION_GROUP, OTHERS_GROUP = "Our systems", "GlobalDiff's ablation", "Other systems"
 SEED_LABEL = "Seed"
 SAMPLES_LABEL = "Samples per system"
@@ -48,17 +48,17 @@ GUIDANCE_NAMES = {1.0: "1, as trained"}
 ADVANCED_LABEL = "Advanced"
 FILTER_LABEL = "Filter the motion of all systems (Savitzky-Golay, 7 frames, order 2)"
 FILTER_HELP = (
-    "Off: the raw output of the models. On: filtered, as the official code does before rendering. "
+    "Off: the raw output of the models. On: filtered before rendering, as in the official code. "
     "The metrics always include both."
 )
 REFERENCE_LABEL = "Reference motion (.npz, .npy or .bvh, optional)"
 POINT_LABEL = "Tracked point (plots and metrics)"
-TRANSCRIPT_LABEL = "Transcript: .TextGrid, subtitles, or English text as .txt (optional)"
+TRANSCRIPT_LABEL = "Transcript (.TextGrid, .srt, .vtt or English text as .txt; optional)"
 WORDS_LABEL = "Recognise words"
 WORDS_HELP = (
     "Recognises English words in the speech if no transcript is given. Systems with gesture plans "
-    "(workbench/planned) choose and time gestures by the words; for them, recognition runs before "
-    "the generation, otherwise after it."
+    "(workbench/planned) choose and time gestures by the words: if a run includes one, recognition "
+    "runs before the generation, otherwise after it."
 )
 GENERATE = "Generate motion"
 CANCEL = "Cancel"
@@ -87,13 +87,13 @@ FIGURES = {
     "jitter": FigureText(
         "Where the jitter comes from",
         "Jerk by depth in the skeleton, by frequency, by the joint that causes it, and by "
-        "position in the generated window.",
+        "frame within the generation window.",
         ("depth", "spectrum", "attribution", "seams"),
     ),
     "error_growth": FigureText(
         "Growth of rotation errors along the chain",
-        "The same small noise added to local and to global rotations. Marks are measured values, "
-        "lines are the analytical prediction.",
+        "Shift of each point along the arm after the same small noise is added to local or to "
+        "global rotations. Marks are measured; lines are the analytical prediction.",
         (),
     ),
     "distributions": FigureText(
@@ -104,8 +104,9 @@ FIGURES = {
     ),
     "speech_effect": FigureText(
         "Effect of the speech and of the noise seed",
-        "Lines of one colour share the speech, lines of one style share the noise seed. If the "
-        "motion follows the speech, lines of the same colour rise and fall together.",
+        "Lines of the same colour have the same speech; lines of the same style (solid or dashed) "
+        "have the same noise seed. If the motion follows the speech, lines of the same colour rise "
+        "and fall together.",
         (),
     ),
     "steps": FigureText(
@@ -148,7 +149,7 @@ SAVE_PAGE_HELP = (
     "One HTML file with the bodies, the audio and the timeline. It plays in any browser without "
     "this software."
 )
-RUN_LINK_HELP = "Anyone with the link can open the run. It expires in {minutes} minutes."
+RUN_LINK_HELP = "Anyone with the link can open the run. The link expires in {minutes} minutes."
 COMPARE = "Compare the two selected runs"
 COMPARE_THIS = "Compare {title}"
 COMPARE_HELP = "Select two runs to compare them."
@@ -156,7 +157,7 @@ COMPARE_LAST = "Compare with your previous run"
 COMPARE_OTHER = "Compare with your previous run (different speech)"
 PAIR_LINK = "Link to this comparison"
 PAIR_SAME_SETTINGS = "All settings are the same."
-PAIR_BROUGHT = "{run} was imported from your files, not generated here."
+PAIR_BROUGHT = "Run {run} was imported from your files, not generated here."
 PAIR_ONE_SPEECH = "Both runs use the same speech ({speech}) and play in sync."
 PAIR_ONLY_SEED = (
     "Same speech and settings; only the seed differs. The differences show how much the metrics "
@@ -183,8 +184,8 @@ LOADING = "Loading the run."
 STARTING = "Starting."
 STARTING_SYSTEMS = "Loading the systems."
 DONE = "Done in {seconds:.0f} s: {rows} of up to {frames} frames (30 fps)."
-VIEWER_VIDEO_STARTING = "The video of the viewer starts as soon as a renderer is free."
-VIEWER_VIDEO_PROGRESS = "Rendering the video of the viewer: {share:.0%}."
+VIEWER_VIDEO_STARTING = "Rendering of the viewer video starts as soon as a renderer is free."
+VIEWER_VIDEO_PROGRESS = "Rendering the video of the viewer: {percent:.0f} %."
 VIEWER_VIDEO_DONE = (
     "The video of the viewer is ready: {bodies}, {seconds:.1f} s, {megabytes:.1f} MB."
 )
@@ -212,7 +213,9 @@ VIDEOS_HELP = (
     "need them."
 )
 VIDEOS_DONE = "The videos are ready."
-VIDEOS_MISSING = "The saved run lacks {missing} of {count} videos, which are not rendered yet."
+VIDEOS_MISSING = (
+    "{missing} of {count} videos are not rendered yet. A run saved now does not contain them."
+)
 STOPPED = "Stopped. Nothing was saved."
 CANCELLED = "Cancelled. Nothing was saved."
 FAILED_TITLE = "The run failed"
@@ -225,7 +228,7 @@ CLIPS_HELP = (
     "with one table row per clip and a summary with confidence intervals over clips. No videos are "
     "rendered. The speech above, if any, is included."
 )
-CLIP_OTHER = "{name} is not a supported audio file ({known})."
+CLIP_OTHER = "{name} is not a supported audio file. Supported: {known}."
 OF_ONE_CLIP = (
     "A reference motion, a transcript or a plan belongs to a single clip. Remove it, or run that "
     "clip on its own."

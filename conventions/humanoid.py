@@ -145,7 +145,7 @@ class JointTree:
             left = np.cross(up, ahead)
         others = [each for each in self._children[chest] if each not in arms]
         head = max(others, key=lambda each: self._sizes[each], default=None)
-        spine = self.path_between(trunk, chest)
+        spine = self.path_from_ancestor(trunk, chest)
         joint_map: JointMap = {"pelvis": [pelvis], "spine1": spine[:1], "spine2": spine[1:2]}
         joint_map |= {"spine3": spine[2:]} | ({} if head is None else self._neck(self._down(head)))
         for side, arm in zip(("left", "right"), self._sided(arms, left), strict=True):
@@ -206,10 +206,13 @@ class JointTree:
         ]
         return abs(float(lengths[0] - lengths[1]))
 
-    def path_between(self, start: int, end: int) -> list[int]:
-        path = [end]
-        while path[-1] != start:
+    def path_from_ancestor(self, ancestor: int, joint: int) -> list[int]:
+        """Return the joints from ``ancestor`` down to ``joint``; raises ValueError if unrelated."""
+        path = [joint]
+        while path[-1] != ancestor:
             path.append(self._parents[path[-1]])
+            if path[-1] < 0:
+                raise ValueError(f"Joint {ancestor} is not an ancestor of joint {joint}.")
         return path[::-1]
 
     def _sided(self, two: tuple[int, int], left: Float[np.ndarray, " 3"]) -> tuple[int, int]:
@@ -328,7 +331,7 @@ class JointTree:
         return 0 if any("finger0" in label for label in labels) else 1
 
     def body_axes(self, joint_map: JointMap) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return up along the trunk, left across it, and the cosine between legs and down.
+        """Return up along the trunk (unit), left across it (any length), cosine of legs and down.
 
         Without legs the last value tells how far the arms are below the shoulders.
         """
@@ -374,11 +377,11 @@ def _plain_labels(names: Sequence[str]) -> list[str]:
     return [label[shared:] for label in plain] if shared >= 3 else plain
 
 
-def side_of(name: str, label: str = "") -> str:
-    """Return the side in a joint's name, or "" if there is none."""
+def side_of(name: str, plain_name: str = "") -> str:
+    """Return the side in a joint's name or its simplified name, or "" if there is none."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower()
-    is_left = bool(_LEFT.search(spaced) or label.startswith("left"))
-    is_right = bool(_RIGHT.search(spaced) or label.startswith("right"))
+    is_left = bool(_LEFT.search(spaced) or plain_name.startswith("left"))
+    is_right = bool(_RIGHT.search(spaced) or plain_name.startswith("right"))
     if is_left == is_right:
         is_left = name[:1] in "lL" and name[1:2].isupper()
         is_right = name[:1] in "rR" and name[1:2].isupper()

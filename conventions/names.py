@@ -56,7 +56,7 @@ def safe_file_stem(name: str) -> str:
 
     For example ``globaldiff-local`` for ``globaldiff/local``. The result leads to no other folder,
     is not hidden, printable, and short enough for a disk. Two names may have one stem; see
-    `app.run.output.run_folder.check_file_stems`.
+    `app.run.output.run_folder.check_distinct_file_stems`.
     """
     stem = re.sub(r"[/\\]", "-", printable(name)).strip()
     stem = re.sub(r"^\.+", "_", stem).rstrip(" .") or "_"

@@ -23,10 +23,10 @@ from model.generation.base import Windowing
 from model.metrics.beats import (
     BEAT_JOINTS,
     beat_align_audio_to_motion,
-    joint_beats,
     joint_speeds,
-    onsets_within_margins,
-    score_and_chance,
+    onsets_between_margins,
+    score_and_shifted_scores,
+    upper_body_beats,
 )
 from model.metrics.joints import (
     fingertip_metrics,
@@ -38,9 +38,14 @@ from model.metrics.lag import find_lag
 from model.metrics.posture import posture_metrics
 from model.metrics.protocols.clip import ProtocolInputs
 from model.metrics.protocols.formulas import protocol_sums, protocol_values
-from model.metrics.protocols.table import protocol_of, without_missing_parts
+from model.metrics.protocols.table import measurable_without, protocol_of
 from model.metrics.reference_error import diversity, error_to_reference
-from model.metrics.results import BeatMeasures, BeatSpeeds, MotionMetrics, PublishedMeasures
+from model.metrics.results import (
+    BeatMetrics,
+    BeatSpeedSource,
+    MotionMetrics,
+    PublishedProtocolMetrics,
+)
 from model.metrics.seams import find_jerk_period, seam_metrics
 from model.metrics.tracked_point import tracked_point_metrics
 from model.motion.kinematics import RestSkeleton
@@ -64,7 +69,14 @@ _FORMER_KEYS = {
 }
 _FORMER_METRIC_KEYS = {
     "folded_on_frames": "fold_period_frames",
-    "beat_speeds_of": "beat_speed_reference",
+    "beat_speeds_of": "beat_speed_source",
+    "beat_onsets": "num_speech_onsets",
+    "fingertips_path_m_s": "fingertips_speed_m_s",
+    "hand_speed_symmetry": "hand_speed_correlation",
+    "jerk_by_window_phase_m_s3": "jerk_by_frame_in_period_m_s3",
+    "phase_frame": "frame_in_period",
+    "tip_path_m_s": "tip_speed_m_s",
+    "tip_velocity_power_above_5hz": "tip_velocity_power_share_above_5hz",
     "lag_rate": "lag_corrected_fps",
     "lag_ground": "lag_source",
     "lag_stands_out": "lag_z_score",
@@ -88,15 +100,15 @@ class RawAndFiltered:
     raw: MotionMetrics
     savgol: MotionMetrics
 
-    def of(self, kind: FilterVersion) -> MotionMetrics:
+    def version(self, kind: FilterVersion) -> MotionMetrics:
         return self.raw if kind == "raw" else self.savgol
 
-    def without_missing_parts(self, missing_parts: Collection[str]) -> "RawAndFiltered":
+    def without_protocols_of(self, missing_parts: Collection[str]) -> "RawAndFiltered":
         """Leave out published protocols that need a part which the motion lacks."""
         if self.raw.published is None or not missing_parts:
             return self
-        published = PublishedMeasures(
-            without_missing_parts(self.raw.published.protocols, missing_parts)
+        published = PublishedProtocolMetrics(
+            measurable_without(self.raw.published.protocols, missing_parts)
         )
         return replace(self, raw=replace(self.raw, published=published))
 
@@ -108,9 +120,10 @@ class RawAndFiltered:
 class Diagnostics:
     """Metrics and findings of each motion and the reference, unfiltered and filtered."""
 
-    point: str
+    tracked_point: str
     """Fingertip or joint that the ``tip_`` metrics track."""
-    tip_source: str
+    tracked_point_source: str
+    """Source of its positions: ``rigid``, ``joint`` or a vertex such as ``vertex 7794``."""
     windows: Windowing | None
     """Windows of all motions, if they are known and the same."""
     num_frames: dict[str, int]
@@ -130,27 +143,27 @@ class Diagnostics:
         return {**self.systems, **reference}
 
     @property
-    def protocol_of(self) -> dict[str, str]:
+    def protocol_by_metric(self) -> dict[str, str]:
         """Ids of the protocols of all metrics but the published ones, which are listed by id."""
         if not self.all_motions:
             return {}
         keys = next(iter(self.all_motions.values())).raw.as_json().keys() - {"protocols"}
-        return {key: protocol_of(key, self.beat_speeds) for key in sorted(keys)}
+        return {key: protocol_of(key, self.beat_speed_source) for key in sorted(keys)}
 
     @property
-    def beat_speeds(self) -> BeatSpeeds:
+    def beat_speed_source(self) -> BeatSpeedSource:
         """Source of the mean speeds of BeatAlign."""
         beats = next((each.raw.beats for each in self.all_motions.values()), None)
-        return beats.beat_speed_reference if beats else "own"
+        return beats.beat_speed_source if beats else "own"
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of ``diagnostics.json``."""
         return {
             "format": DIAGNOSTICS_FORMAT,
             "fps": FPS,
-            "fingertip": self.point if self.point in FINGERTIP_NAMES else None,
-            "tracked_point": self.point,
-            "tracked_point_source": self.tip_source,
+            "fingertip": self.tracked_point if self.tracked_point in FINGERTIP_NAMES else None,
+            "tracked_point": self.tracked_point,
+            "tracked_point_source": self.tracked_point_source,
             "window_advance_frames": self.windows and self.windows.advance,
             "window_overlap_frames": self.windows and self.windows.overlap,
             "joint_names": list(JOINT_NAMES),
@@ -164,7 +177,7 @@ class Diagnostics:
                 name: [finding.as_json() for finding in findings]
                 for name, findings in self.findings.items()
             },
-            "protocol_of": self.protocol_of,
+            "protocol_of": self.protocol_by_metric,
             "reference": None if self.reference is None else self.reference.as_json(),
             "systems": {name: versions.as_json() for name, versions in self.systems.items()},
         }
@@ -177,10 +190,10 @@ def diagnose(
     windows: Mapping[str, Windowing] | None = None,
     point: str = TIP,
     tip_track: TipTrack | None = None,
-    tip_source: str | None = None,
+    tracked_point_source: str | None = None,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
     speech_bands: Float[np.ndarray, "frames bands"] | None = None,
-    inputs: ProtocolInputs | None = None,
+    protocol_inputs: ProtocolInputs | None = None,
 ) -> Diagnostics:
     """Measure motions and the reference, unfiltered and filtered.
 
@@ -194,12 +207,13 @@ def diagnose(
         point: the fingertip or joint that the ``tip_`` metrics track.
         tip_track: returns the point's positions in place of the rigid fingertip, for a motion and
             its tracks.
-        tip_source: name of what ``tip_track`` tracks, such as 'vertex 7794'; without it 'rigid' for
-            a fingertip and 'joint' for a joint.
+        tracked_point_source: name of what ``tip_track`` tracks, such as 'vertex 7794'; without it
+            'rigid' for a fingertip and 'joint' for a joint.
         onsets_s: times of the speech's onsets (`beats.speech_onsets`), for BeatAlign.
         speech_bands: log-mel bands of the speech by frame (`lag.speech_bands_by_frame`), for the
-        lag of the motion. inputs: mean speeds for BeatAlign (`beats.read_mean_speeds`), and what
-            published protocols take besides motion and reference.
+            lag of the motion.
+        protocol_inputs: mean speeds for BeatAlign (`beats.read_mean_speeds`), and what published
+            protocols take besides motion and reference.
 
     Raises:
         ValueError: if there is no such fingertip or joint.
@@ -208,8 +222,10 @@ def diagnose(
         raise ValueError(
             f"{point} is neither a fingertip nor a joint; choose one of {', '.join(POINT_NAMES)}."
         )
-    inputs = inputs or ProtocolInputs()
-    ways = _MeasureOptions(skeleton, point, tip_track, onsets_s, speech_bands, inputs, True)
+    protocol_inputs = protocol_inputs or ProtocolInputs()
+    ways = _MeasureOptions(
+        skeleton, point, tip_track, onsets_s, speech_bands, protocol_inputs, True
+    )
     windows = windows or {}
     motions, reference, notes = _cut_to_shortest(motions, reference)
     notes += [
@@ -230,8 +246,9 @@ def diagnose(
         lag = measured[REFERENCE_NAME] = _measured(iter(recorded))
     of_all = {windows.get(name) for name in measured}
     return Diagnostics(
-        point=point,
-        tip_source=tip_source or ("rigid" if point in FINGERTIP_NAMES else "joint"),
+        tracked_point=point,
+        tracked_point_source=tracked_point_source
+        or ("rigid" if point in FINGERTIP_NAMES else "joint"),
         windows=of_all.pop() if len(of_all) == 1 else None,
         num_frames={name: motion.num_frames for name, motion in motions.items()},
         notes=notes,
@@ -249,17 +266,18 @@ def analyse_raw(
     point: str = TIP,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
     speech_bands: Float[np.ndarray, "frames bands"] | None = None,
-    inputs: ProtocolInputs | None = None,
+    protocol_inputs: ProtocolInputs | None = None,
 ) -> AnalysedMotion:
     """Measure one motion without the filter, as the input of fault detectors.
 
     A reference must be as long.
 
     Args:
-        onsets_s, speech_bands, inputs: see `diagnose`; published protocols are not measured.
+        onsets_s, speech_bands, protocol_inputs: see `diagnose`; no published protocols are
+            measured.
     """
-    inputs = inputs or ProtocolInputs()
-    ways = _MeasureOptions(skeleton, point, None, onsets_s, speech_bands, inputs, False)
+    protocol_inputs = protocol_inputs or ProtocolInputs()
+    ways = _MeasureOptions(skeleton, point, None, onsets_s, speech_bands, protocol_inputs, False)
     return next(_versions(motion, ways, windows, () if reference is None else (reference,)))
 
 
@@ -272,7 +290,7 @@ class _MeasureOptions:
     tip_track: TipTrack | None
     onsets_s: Float[np.ndarray, " onsets"] | None
     speech_bands: Float[np.ndarray, "frames bands"] | None
-    inputs: ProtocolInputs
+    protocol_inputs: ProtocolInputs
     with_published_protocols: bool
     """True to measure published protocols."""
 
@@ -291,7 +309,7 @@ def _versions(
     period = find_jerk_period(tracks)
     lag = None if ways.speech_bands is None else find_lag(motion, ways.speech_bands)
     usual_speed = _usual_speed(
-        ways.inputs.mean_speeds, recorded[0].tracks if recorded else None, tracks
+        ways.protocol_inputs.published_mean_speeds, recorded[0].tracks if recorded else None, tracks
     )
     for k in range(len(FILTER_VERSIONS)):
         if k > 0:
@@ -314,7 +332,7 @@ def _versions(
             error_to_reference(tracks, recorded[k].tracks) if recorded else None,
             None if onsets_s is None else _measure_beats(tracks, *usual_speed, onsets_s),
             lag,
-            _measure_published(motion, tracks, ways.inputs, recorded)
+            _measure_published(motion, tracks, ways.protocol_inputs, recorded)
             if ways.with_published_protocols and k == 0
             else None,
         )
@@ -323,44 +341,49 @@ def _versions(
 
 
 def _measure_published(
-    motion: Motion, tracks: Tracks, inputs: ProtocolInputs, recorded: Sequence[AnalysedMotion]
-) -> PublishedMeasures:
-    reference = inputs.make_clip(recorded[0].motion, recorded[0].tracks) if recorded else None
-    sums = protocol_sums(inputs.make_clip(motion, tracks, reference))
-    return PublishedMeasures(protocol_values(sums))
+    motion: Motion,
+    tracks: Tracks,
+    protocol_inputs: ProtocolInputs,
+    recorded: Sequence[AnalysedMotion],
+) -> PublishedProtocolMetrics:
+    reference = (
+        protocol_inputs.make_clip(recorded[0].motion, recorded[0].tracks) if recorded else None
+    )
+    sums = protocol_sums(protocol_inputs.make_clip(motion, tracks, reference))
+    return PublishedProtocolMetrics(protocol_values(sums))
 
 
 def _measured(versions: Iterator[AnalysedMotion]) -> tuple[RawAndFiltered, list[Finding]]:
     """Return metrics by version, and the faults of the unfiltered motion."""
     analysed = next(versions)
-    raw, faults = analysed.raw, find_faults(analysed)
+    raw, faults = analysed.metrics, find_faults(analysed)
     del analysed  # before the next one is made
-    return RawAndFiltered(raw, next(versions).raw), faults
+    return RawAndFiltered(raw, next(versions).metrics), faults
 
 
 def _measure_beats(
     tracks: Tracks,
     usual_speed: Float[np.ndarray, " joints"],
-    speeds_of: BeatSpeeds,
+    speeds_of: BeatSpeedSource,
     onsets_s: Float[np.ndarray, " onsets"],
-) -> BeatMeasures:
+) -> BeatMetrics:
     duration_s = len(tracks.joints) / FPS
-    num_onsets = len(onsets_within_margins(onsets_s, duration_s))
+    num_onsets = len(onsets_between_margins(onsets_s, duration_s))
     score = mean = highest = rate = math.nan
     if len(tracks.joints) > 1:
-        beats = joint_beats(_pelvis_centred(tracks), usual_speed)
+        beats = upper_body_beats(_pelvis_centred(tracks), usual_speed)
         rate = sum(map(len, beats)) / len(beats) / duration_s
         if num_onsets:
-            score, chance = score_and_chance(
+            score, chance = score_and_shifted_scores(
                 beat_align_audio_to_motion, onsets_s, beats, duration_s
             )
             mean, highest = float(chance.mean()), float(chance.max())
-    return BeatMeasures(score, mean, highest, rate, num_onsets, speeds_of)
+    return BeatMetrics(score, mean, highest, rate, num_onsets, speeds_of)
 
 
 def _usual_speed(
     published: Float[np.ndarray, " joints"] | None, recorded: Tracks | None, own: Tracks
-) -> tuple[Float[np.ndarray, " joints"], BeatSpeeds]:
+) -> tuple[Float[np.ndarray, " joints"], BeatSpeedSource]:
     """Return mean speeds (m/s) of the joints with beats, published ones first, and their source."""
     if published is not None:
         return published, "emage"
@@ -381,8 +404,8 @@ def _cut_to_shortest(
     named = {**motions, "The reference": reference}
     shortest = min(motion.num_frames for motion in named.values())
     notes = [
-        f"{name} has {motion.num_frames} frames; the first {shortest} were measured, as many as "
-        "the shortest motion has."
+        f"{name} has {motion.num_frames} frames; only the first {shortest} were measured, the "
+        "length of the shortest motion."
         for name, motion in named.items()
         if motion.num_frames > shortest
     ]
@@ -393,7 +416,7 @@ def _cut_to_shortest(
     )
 
 
-def parse_diagnostics(content: Mapping[str, Any]) -> dict[str, Any]:
+def with_current_format(content: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of a ``diagnostics.json`` with the keys of this version's format.
 
     Raises:

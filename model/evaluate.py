@@ -42,23 +42,23 @@ from model.evaluation.clips import (
     clip_metrics_table,
     load_rows,
     pelvis_centred_positions,
-    read_recording,
+    read_trimmed_recording,
 )
 from model.evaluation.plan_detection import evaluate_detection
 from model.generation.base import System
 from model.metrics import beats
 from model.metrics.protocols.table import WORKBENCH, protocol_of
 from model.motion.motion import Motion
-from model.networks.autoencoder import load_encoder
+from model.networks.autoencoder import load_motion_encoder
 from model.sampling.samplers import DEFAULT_SAMPLING, Sampling, UnknownNameError
 from model.speech.audio import SpeechError
 from model.storage.cards import (
     BUNDLED_WEIGHTS,
     DEFAULT_SPEAKER_PAIR,
     CheckpointError,
-    parse_speaker_pair,
+    parse_calm_and_lively_speaker,
 )
-from model.storage.files import FileVersions, file_versions, write_atomically
+from model.storage.files import FileStamps, file_stamps, write_atomically
 from model.storage.npz import MotionError
 from model.systems.helpers.config import MATCHING_NETWORK
 from model.systems.helpers.matching import load_matcher
@@ -95,7 +95,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--speakers",
         default=",".join(DEFAULT_SPEAKER_PAIR),
         metavar="CALM,LIVELY",
-        help="two speakers whose manner is compared on a few clips (default: %(default)s)",
+        help="two speakers whose gesture styles are compared (default: %(default)s)",
     )
     motion.add_argument(
         "--processes", type=int, help="processes on this machine (default: all cores)"
@@ -120,14 +120,14 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _motion(args: argparse.Namespace) -> None:
-    calm_and_lively, weights = parse_speaker_pair(args.speakers), args.weights.absolute()
+    calm_and_lively, weights = parse_calm_and_lively_speaker(args.speakers), args.weights.absolute()
     names = list_systems(weights) if args.systems == "all" else args.systems.split(",")
-    versions = file_versions(weights.glob("[!.]*"))
-    load_models = partial(load_evaluation_models, tuple(names), weights, versions)
+    stamps = file_stamps(weights.glob("[!.]*"))
+    load_models = partial(load_evaluation_models, tuple(names), weights, stamps)
     table = evaluate(
         load_models,
         args.data.absolute(),
-        test_clips(args.data, load_models().systems)[: args.clips],
+        names_of_test_clips(args.data, load_models().systems)[: args.clips],
         args.seeds,
         sampling=Sampling(guidance=args.guidance),
         speakers=calm_and_lively,
@@ -170,17 +170,15 @@ def write_table(table: dict, out: Path) -> None:
         write_atomically(out / f"evaluation.{ending}", content)
 
 
-def test_clips(folder: Path, systems: Sequence[System]) -> list[str]:
-    """Return the names of the test clips with speakers that every system was trained on.
-
-    Raises:
-        DataError: if there is none.
-    """
+def names_of_test_clips(folder: Path, systems: Sequence[System]) -> list[str]:
+    """Return the test clips with speakers that all systems know; raises DataError if none."""
     speakers = set.intersection(*(set(system.speakers) for system in systems))
     names = [name for name, kind in sorted(read_split(folder).items()) if kind == "test"]
     names = [name for name in names if parse_speaker(name)[1] in speakers]
     if not names:
-        raise DataError(f"{folder} has no test clip of a speaker that the systems know.")
+        raise DataError(
+            f"{folder} has no test clip of a speaker on which all systems were trained."
+        )
     return names
 
 
@@ -188,7 +186,7 @@ def evaluate(
     load_models: Callable[[], EvaluationModels],
     folder: Path,
     clips: Sequence[str],
-    seeds: int,
+    num_seeds: int,
     *,
     sampling: Sampling = DEFAULT_SAMPLING,
     speakers: tuple[str, str] = DEFAULT_SPEAKER_PAIR,
@@ -222,7 +220,7 @@ def evaluate(
     clip_speakers = [parse_speaker(name)[1] for name in names]
     judge = fit_speaker_classifier(folder, clip_speakers)
     evaluator = ClipEvaluator(
-        folder, load_models, seeds, sampling, speaker_comparison, judge, np.mean(speeds, axis=0)
+        folder, load_models, num_seeds, sampling, speaker_comparison, judge, np.mean(speeds, axis=0)
     )
     stamp = _stamp(evaluator, names, models)
     resume_folder.mkdir(parents=True, exist_ok=True)
@@ -238,12 +236,12 @@ def evaluate(
     rows = [load_rows(files[name]) for name in names]
     return {
         "clips": names,
-        "noise_seeds": seeds,
+        "noise_seeds": num_seeds,
         "guidance": _guidance_by_system(models.systems, sampling),
         "protocols": {measure: protocol_of(measure) for measure in tables.COLUMNS},
         **clip_metrics_table(rows, clip_speakers),
         "left_out": [
-            *frechet.unavailable_encoders(models.encoders, motions.values()),
+            *frechet.left_out_sentences(models.encoders, motions.values()),
             *([] if models.matching_classifier else [NO_MATCHING_CLASSIFIER]),
             *([] if speaker_comparison.speakers else [SPEAKERS_NOT_COMPARED]),
             *([] if judge else [NO_SPEAKER_CLASSIFIER]),
@@ -253,11 +251,11 @@ def evaluate(
 
 @cache
 def load_evaluation_models(
-    names: tuple[str, ...], weights: Path, versions: FileVersions
+    names: tuple[str, ...], weights: Path, stamps: FileStamps
 ) -> EvaluationModels:
     """Load systems and evaluation networks, once per process and version of their files."""
     judges = {
-        measure: load_encoder(weights, encoder)
+        measure: load_motion_encoder(weights, encoder)
         for measure, encoder in frechet.ENCODERS.items()
         if (weights / f"{encoder}.safetensors").is_file()
     }
@@ -287,7 +285,7 @@ def _stamp(evaluator: ClipEvaluator, names: Sequence[str], models: EvaluationMod
         "systems": {system.name: dict(system.sha256s) for system in models.systems},
         "judges": {measure: judge.sha256 for measure, judge in models.encoders.items()},
         "matching": models.matching_classifier and models.matching_classifier.sha256,
-        "seeds": evaluator.seeds,
+        "seeds": evaluator.num_seeds,
         "guidance": _guidance_by_system(models.systems, evaluator.sampling),
         "few": asdict(evaluator.speaker_comparison),
         "speaker_judge": judge and np.round(judge.weights, 6).tolist(),
@@ -296,18 +294,14 @@ def _stamp(evaluator: ClipEvaluator, names: Sequence[str], models: EvaluationMod
 
 
 def _usable(folder: Path, clips: Sequence[str], models: EvaluationModels) -> dict[str, Motion]:
-    """Read motions by name; log the unusable ones.
-
-    Raises:
-        DataError: if fewer than two are left.
-    """
+    """Read motions by name; log the unusable ones; raises DataError if fewer than two are left."""
     motions = {}
     window = max(system.windowing.frames for system in models.systems)
     for name in clips:
         try:
-            motion, _ = read_recording(folder, name)
+            motion, _ = read_trimmed_recording(folder, name)
             if motion.num_frames < window:
-                raise DataError(f"{motion.num_frames} frames, {window} needed.")
+                raise DataError(f"it has {motion.num_frames} frames; at least {window} are needed.")
         except (DataError, MotionError, SpeechError) as error:
             log.warning("Skipped %s: %s", name, error)
         else:

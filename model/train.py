@@ -13,21 +13,20 @@ import torch
 from conventions.names import printable
 from model.data.recordings import DataError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, override_setting
-from model.systems.registry import families, family_of, representatives, unavailable_families
+from model.systems.registry import families, family_of, representatives, unavailable_family_messages
 from model.training.loop import TrainingError, train
 from model.training.parallel import joined_processes
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit status."""
+    trained = [name for family in families() for name in family.trainable_networks]
     parser = argparse.ArgumentParser(prog="python -m model.train", description=__doc__)
     parser.add_argument("config", help=f"one of {', '.join(_presets())}")
     parser.add_argument("--data", type=Path, required=True, help="folder in BEAT2's layout")
     parser.add_argument("--out", type=Path, required=True, help="folder for state and weights")
     parser.add_argument(
-        "--system",
-        default=representatives("training")[0],
-        help=f"one of {', '.join(_trained())}",
+        "--system", default=representatives("training")[0], help=f"one of {', '.join(trained)}"
     )
     parser.add_argument(
         "--set", action="append", default=[], metavar="FIELD=VALUE", dest="settings",
@@ -48,11 +47,13 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--no-compile", action="store_true", help="never compile the step")
-    parser.add_argument("--resume", action="store_true", help="go on from the state in --out")
+    parser.add_argument(
+        "--resume", action="store_true", help="continue from the state saved in --out"
+    )
     args = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     torch.set_num_threads(args.threads)
-    for sentence in unavailable_families():
+    for sentence in unavailable_family_messages():
         sys.stderr.write(f"{printable(sentence)}\n")
     try:
         family = family_of(args.system)
@@ -65,9 +66,9 @@ def main(arguments: list[str] | None = None) -> int:
                 family.make_task,
                 args.data,
                 args.out,
-                helpers=args.helpers,
+                helper_weights=args.helpers,
                 resume=args.resume,
-                start=args.start_from,
+                initial_weights=args.start_from,
                 shard=shard,
                 may_compile=not args.no_compile,
             )
@@ -82,13 +83,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _presets() -> list[str]:
-    trained = ((family, name) for family in families() for name in family.trained_networks)
+    trained = ((family, name) for family in families() for name in family.trainable_networks)
     presets = (preset for family, name in trained for preset in family.presets(name))
     return list(dict.fromkeys(presets))
-
-
-def _trained() -> list[str]:
-    return [name for family in families() for name in family.trained_networks]
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ class ChildExited(Exception):
 
 
 class Child:
-    """Parent's handle of a child process. For use from one thread; another may call `end`."""
+    """Parent's handle of a child process. For use from one thread; another may call `kill`."""
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Id of the process and of its group, which it leads: `end` kills its children too."""
+        """Id of the process and of its group, which it leads: `kill` ends its children too."""
         return self._process.pid
 
     def is_alive(self) -> bool:
@@ -91,22 +91,14 @@ class Child:
         self._outbox.put(pickle.dumps(message))
 
     def has_message(self, within_s: float) -> bool:
-        """Check whether a message has arrived, waiting at most ``within_s`` seconds.
-
-        Raises:
-            ChildExited: if the child has ended.
-        """
+        """Check for a message for ``within_s``; raises ChildExited if the child has ended."""
         try:
             return self._channel.poll(within_s)
         except (EOFError, OSError) as error:
             raise ChildExited from error
 
     def receive(self) -> Any:
-        """Wait for the next message and return it.
-
-        Raises:
-            ChildExited: if the child has ended.
-        """
+        """Wait for the next message and return it; raises ChildExited if the child has ended."""
         try:
             return self._channel.recv()
         except (EOFError, OSError) as error:
@@ -122,7 +114,7 @@ class Child:
             status, self._log.lines(), count_out_of_memory_kills() > self._killed_before
         )
 
-    def end(self) -> None:
+    def kill(self) -> None:
         """Kill the child and all of its process group."""
         if self._channel.closed:
             return
@@ -149,8 +141,10 @@ def parent_channel() -> tuple[Connection, tuple[str, ...]]:
     return Connection(int(number)), tuple(arguments)
 
 
-def receive_queue(channel: Connection) -> queue.SimpleQueue[tuple[Any, threading.Event]]:
-    """Receive messages from the parent in a thread, each with an event set by a later None.
+def start_receiving(channel: Connection) -> queue.SimpleQueue[tuple[Any, threading.Event]]:
+    """Start a thread that receives messages, and return their queue, each with a stop event.
+
+    The parent's next None sets the event of the last message.
 
     If the parent dies, this process exits.
     """

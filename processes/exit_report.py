@@ -42,8 +42,8 @@ class ExitReport:
     """Exit status, or minus the signal's number; None if unknown."""
     log_lines: tuple[str, ...] = ()
     """Last lines of its log."""
-    has_memory_kill_since_start: bool = False
-    """True if the kernel has killed any process for lack of memory since this one began."""
+    had_memory_kill_nearby: bool = False
+    """True if the kernel killed any process for lack of memory since its start or `clear_log`."""
 
     @property
     def signal(self) -> signal.Signals | None:
@@ -58,7 +58,7 @@ class ExitReport:
     def was_out_of_memory(self) -> bool:
         """True if memory ran out by the kernel's count, or by the log of a process at its limit."""
         if self.signal == signal.SIGKILL:
-            return self.has_memory_kill_since_start
+            return self.had_memory_kill_nearby
         is_by_itself = self.status is None or self.status > 0 or self.signal == signal.SIGABRT
         return is_by_itself and any(_OUT_OF_MEMORY.search(line) for line in self.log_lines)
 
@@ -84,7 +84,6 @@ class ExitReport:
         Args:
             subject: the process, as the beginning of a sentence.
             memory_advice: what to do if it lacked memory.
-            retry_advice: what to do if it may succeed another time.
             likely_cause: a sentence on the most likely cause of a crash.
         """
         if self.was_out_of_memory:
@@ -170,12 +169,7 @@ class ChildLog:
     """Buffer of the last lines that children write."""
 
     def __init__(self, stream: IO[bytes], is_handed_on: bool) -> None:
-        """Start a thread that reads the stream.
-
-        Args:
-            stream: the reading end of a pipe; closed when its writers have exited.
-            is_handed_on: also copy everything to standard error.
-        """
+        """Start a thread that reads the stream."""
         self._stream = stream
         self._is_handed_on = is_handed_on
         self._last_lines: deque[str] = deque(maxlen=_MAX_LINES)

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from processes.child import Child, ChildExited, parent_channel, receive_queue
+from processes.child import Child, ChildExited, parent_channel, start_receiving
 from processes.job import Cancelled, Job, JobsError
 
 MAX_BREAKS = 3
@@ -135,7 +135,7 @@ def run_in_processes(
                     if breaks == MAX_BREAKS:
                         how = child.exit_report().user_message(_LAST, _FEWER, _AGAIN)
                         raise JobsError(f"{_BROKEN} {how}") from None
-                    child.end()
+                    child.kill()
                     waiting.append(job)
                     idle.append(_worker())
                 else:
@@ -149,7 +149,7 @@ def run_in_processes(
             time.sleep(_POLL_S)
     finally:
         for child in (*busy, *idle):
-            child.end()
+            child.kill()
     return failed
 
 
@@ -162,7 +162,7 @@ def main() -> None:
     """Run a worker process: do jobs as they come; send their messages, and what each raised."""
     channel, (folder,) = parent_channel()
     os.chdir(folder)
-    jobs, lock = receive_queue(channel), threading.Lock()
+    jobs, lock = start_receiving(channel), threading.Lock()
 
     def tell(message: object, has_ended: bool = False) -> None:
         with lock:
@@ -194,8 +194,7 @@ RESULT_TIMEOUT_S = 30.0
 """Longest wait until a worker's result is visible on a shared disk (s)."""
 _CONNECTION_LOGGERS = [f"distributed.{part}" for part in ("batched", "client", "core", "utils")]
 _RECONNECT_FAILED = "Failed to reconnect to scheduler"
-"""Loggers of Dask that print tracebacks when a scheduler is lost, and the message that they
-print."""
+"""Loggers of Dask that print tracebacks when a scheduler is lost, and their message."""
 _ONE_AT_A_TIME = threading.Lock()
 """Lock for a Dask worker with several threads: jobs are made for processes."""
 

@@ -8,7 +8,7 @@ import pytest
 EXAMPLES = (
     ("model.motion.motion", "Motion"),
     ("model.generation.base", "System"),
-    ("model.sampling.samplers", "Sampler"),
+    ("model.sampling.samplers", "SamplerChoice"),
     ("model.formats.read", "read_any_motion"),
     ("app.notebook", "diagnose"),
     ("app.run.requests.requests", "GenerateRequest"),

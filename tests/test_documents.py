@@ -7,7 +7,7 @@ from pathlib import Path
 
 from app.commands.cli import parse
 from model.metrics.protocols.table import HEADINGS, PROTOCOLS, protocol_row
-from model.plan.kinds import USUAL_STROKE_ENDS
+from model.plan.kinds import USUAL_STROKE_GOALS
 from tests.helpers import ROOT
 
 DOCUMENTS = sorted(
@@ -89,8 +89,8 @@ def test_the_plans_page_lists_every_gesture_form():
     count, forms = re.search(
         r"corpus's (\d+) gesture forms.*?The forms:([^.]*)\.", text, re.S
     ).groups()
-    assert re.findall(r"`(\w+)`", forms) == list(USUAL_STROKE_ENDS) and int(count) == len(
-        USUAL_STROKE_ENDS
+    assert re.findall(r"`(\w+)`", forms) == list(USUAL_STROKE_GOALS) and int(count) == len(
+        USUAL_STROKE_GOALS
     )
 
 

@@ -56,10 +56,10 @@ def test_its_name_is_taken_once():
 
 def test_two_systems_move_with_one_file_of_weights(trained):
     weights = trained
-    assert list_systems(weights) == (MEAN, DRAWN) and DRAWN not in FAMILY.trained_networks
+    assert list_systems(weights) == (MEAN, DRAWN) and DRAWN not in FAMILY.trainable_networks
     assert read_card(DRAWN, weights) == read_card(MEAN, weights)
     mean, drawn = load_system(MEAN, weights), load_system(DRAWN, weights)
-    assert mean.sha256s == drawn.sha256s and drawn.samplers[0].steps == 3
+    assert mean.sha256s == drawn.sha256s and drawn.samplers[0].default_steps == 3
     with pytest.raises(
         UnknownNameError, match="regression/drawn has no sampler 'mean'; it has smoothed"
     ):
@@ -70,7 +70,7 @@ def test_two_systems_move_with_one_file_of_weights(trained):
 
 def test_it_moves_for_as_long_as_it_is_spoken(trained):
     speech = made_speech(16_000 * 3)
-    options = GenerateOptions(speaker="ann", samples=2)
+    options = GenerateOptions(speaker="ann", num_samples=2)
     one, same = generate_motion(load_system(MEAN, trained), speech, options)
     assert one.num_frames == same.num_frames == 90
     assert np.abs(one.poses - same.poses).max() == 0.0
@@ -90,9 +90,9 @@ def test_it_is_measured_without_the_abilities_that_it_lacks(trained, data_folder
     rows = split.read_text().replace(",val", ",test").replace("3_eve_0_3_3,test", "3_eve_0_3_3,val")
     split.write_text(rows.replace("2_bob_0_1_1,train", "2_bob_0_1_1,test"))
     system = load_system(DRAWN, weights)
-    clips = measuring.test_clips(data, [system])
+    clips = measuring.names_of_test_clips(data, [system])
     cast = partial(EvaluationModels, (system,))
-    table = measuring.evaluate(cast, data, clips, seeds=2, resume_folder=tmp_path)
+    table = measuring.evaluate(cast, data, clips, num_seeds=2, resume_folder=tmp_path)
     assert table["motion"][DRAWN]["tip_jerk_m_s3"]["mean"] > 0
 
 
@@ -102,7 +102,7 @@ def test_the_page_offers_it_and_a_run_holds_it(trained, speech, tmp_path):
     assert FAMILY.descriptions[MEAN] in ablations_html(catalogue.systems)
     assert catalogue.systems == (MEAN, DRAWN) and catalogue.speakers == ("ann", "bob")
     request = generate_request(
-        speech=speech, out=tmp_path / "out", weights=weights, has_poses=False
+        speech=speech, out=tmp_path / "out", weights=weights, has_figure_poses=False
     )
     run(request)
     assert (tmp_path / "out" / "regression-mean.npz").is_file()

@@ -52,12 +52,12 @@ def run_benchmark(
 def _selected(short: bool, only: tuple[BenchRow, ...], folder: Path) -> Iterator[runs.BenchResult]:
     if not only:
         yield from _figures(short, folder)
-    clip = runs.write_speech(CLIP_S, folder)
+    clip = runs.write_example_of_duration(CLIP_S, folder)
     rows: dict[BenchRow, Callable[[], Iterable[runs.BenchResult]]] = {
-        "figures": lambda: runs.time_figures(clip, folder),
+        "figures": lambda: runs.measure_figure_cpu_time(clip, folder),
         "speech-effect": lambda: [runs.time_speech_effect(folder)],
         "steps": lambda: [runs.time_step_sweep(clip, folder)],
-        "training": runs.time_training,
+        "training": runs.measure_training_rates,
         "memory": lambda: runs.measure_memory(folder),
     }
     for row in only or (() if short else rows):
@@ -70,8 +70,8 @@ def _figures(short: bool, folder: Path) -> Iterator[runs.BenchResult]:
 
     yield runs.time_page_start(folder)
     list(warm_up_in_steps(BUNDLED_WEIGHTS, None))
-    clip = runs.write_speech(CLIP_S, folder)
-    yield from runs.time_generation(clip)
+    clip = runs.write_example_of_duration(CLIP_S, folder)
+    yield from runs.time_features_and_generation(clip)
     yield from runs.time_page_run(clip, folder)
     motion = load_motion(min((folder / "page").glob("*.npz")))
     yield runs.time_metrics(motion)

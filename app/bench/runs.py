@@ -52,11 +52,11 @@ class BenchResult:
     value: float
     unit: str
     aim: str = ""
-    cpu: float | None = None
-    """Value by CPU time, which is less sensitive to a busy machine."""
+    value_by_cpu_time: float | None = None
+    """The value in ``unit``, by CPU time, which is less sensitive to a busy machine."""
 
     def line(self) -> str:
-        cpu = "" if self.cpu is None else f"(CPU {self.cpu:.2f})"
+        cpu = "" if self.value_by_cpu_time is None else f"(CPU {self.value_by_cpu_time:.2f})"
         return f"{self.name:<44} {self.value:>9.2f} {self.unit:<9} {cpu:<14} {self.aim}".rstrip()
 
 
@@ -95,7 +95,7 @@ def time_page_start(folder: Path) -> BenchResult:
             page.wait()
 
 
-def write_speech(duration_s: float, folder: Path) -> Path:
+def write_example_of_duration(duration_s: float, folder: Path) -> Path:
     """Write speech of exactly this duration, made by cutting or repeating an example."""
     from model.speech.audio import load_speech, write_wav
 
@@ -105,7 +105,7 @@ def write_speech(duration_s: float, folder: Path) -> Path:
     return out
 
 
-def time_generation(clip: Path) -> list[BenchResult]:
+def time_features_and_generation(clip: Path) -> list[BenchResult]:
     """Measure features, generation of each system with default steps, and a batch of samples."""
     from model.generation.windows import measure_ms_per_frame
     from model.speech.audio import load_speech
@@ -113,20 +113,20 @@ def time_generation(clip: Path) -> list[BenchResult]:
     speech = load_speech(clip)
     systems = [get_system(name, BUNDLED_WEIGHTS) for name in list_systems(BUNDLED_WEIGHTS)]
     started = time.perf_counter()
-    systems[0].encoder.encode(speech.waveform, speech.num_frames)
-    features_ms = 1000 * (time.perf_counter() - started) / speech.num_frames
+    systems[0].encoder.encode(speech.waveform, speech.num_motion_frames)
+    features_ms = 1000 * (time.perf_counter() - started) / speech.num_motion_frames
     figures = [BenchResult("speech features", features_ms, "ms/frame")]
     for system in systems:
-        steps = system.samplers[0].steps
+        steps = system.samplers[0].default_steps
         each = measure_ms_per_frame(system, speech, steps)  # features are cached by now
         title = f"generation, {system.name}, {steps} steps"
         figures.append(BenchResult(title, each, "ms/frame", "at most 4"))
-    each = measure_ms_per_frame(systems[-1], speech, systems[-1].samplers[0].steps, SAMPLES)
+    each = measure_ms_per_frame(systems[-1], speech, systems[-1].samplers[0].default_steps, SAMPLES)
     title = f"one of {SAMPLES} samples, {systems[-1].name}"
     return [*figures, BenchResult(title, each, "ms/frame", "at most 2")]
 
 
-def time_training() -> list[BenchResult]:
+def measure_training_rates() -> list[BenchResult]:
     """Measure training at the demo's size, without compilation, which takes minutes."""
     rates = {
         name: measure_training_windows_per_s(name, BUNDLED_WEIGHTS)
@@ -156,7 +156,7 @@ def time_page_run(clip: Path, folder: Path) -> list[BenchResult]:
     explained = _explained_systems()
     started = time.monotonic()
     fields = {"speech": clip, "out": folder / "page", "systems": explained}
-    shown = {"size": PAGE_SIZE_PX, "close_ups": CLOSE_UPS}
+    shown = {"picture_height_px": PAGE_SIZE_PX, "close_ups": CLOSE_UPS}
     generate(request_from(GenerateRequest, fields | shown), RunCallbacks(watch))
     seconds = time.monotonic() - started
     first = moving_at[0] - started
@@ -174,12 +174,12 @@ def _explained_systems() -> tuple[str, ...]:
     return tuple(name for name in list_systems(BUNDLED_WEIGHTS) if name in explained)
 
 
-def time_figures(clip: Path, folder: Path) -> list[BenchResult]:
+def measure_figure_cpu_time(clip: Path, folder: Path) -> list[BenchResult]:
     """Measure the CPU time of figures of the explained systems, for the page and a command."""
     figures, systems = [], _explained_systems()
-    for title, forms, aim in (
+    for title, formats, aim in (
         ("page (PNG)", ("png",), 4),
-        ("command (all forms)", FIGURE_FORMATS, 8),
+        ("command (all formats)", FIGURE_FORMATS, 8),
     ):
         cpu_at: list[float] = []
         of_figures: list[int] = []
@@ -191,8 +191,8 @@ def time_figures(clip: Path, folder: Path) -> list[BenchResult]:
                 of_figures.append(len(cpu_at))
             cpu_at.append(cpu_time_s())
 
-        fields = {"speech": clip, "out": folder / f"figures {len(forms)}", "systems": systems}
-        how = {"has_video": False, "figure_forms": forms}
+        fields = {"speech": clip, "out": folder / f"figures {len(formats)}", "systems": systems}
+        how = {"has_video": False, "figure_formats": formats}
         generate(request_from(GenerateRequest, fields | how), RunCallbacks(watch))
         seconds = cpu_at[of_figures[-1]] - cpu_at[of_figures[0] - 1]  # from what came before them
         name = f"CPU time, figures of {len(systems)} systems, {title}"
@@ -202,10 +202,10 @@ def time_figures(clip: Path, folder: Path) -> list[BenchResult]:
 
 def time_speech_effect(folder: Path) -> BenchResult:
     """Measure the speech effect of two examples with two seeds, in a warm process."""
-    values = {"speeches": tuple(sorted(EXAMPLES.glob("*.wav"))[:2]), "out": folder / "effect"}
+    values = {"inputs": tuple(sorted(EXAMPLES.glob("*.wav"))[:2]), "out": folder / "effect"}
     request = request_from(SpeechEffectRequest, values)
     _, wall_s, cpu = measure_time(lambda: measure_speech_effect(request))
-    return BenchResult("speech effect of two speeches", wall_s, "s", cpu=cpu)
+    return BenchResult("speech effect of two speeches", wall_s, "s", value_by_cpu_time=cpu)
 
 
 def time_step_sweep(clip: Path, folder: Path) -> BenchResult:
@@ -217,7 +217,9 @@ def time_step_sweep(clip: Path, folder: Path) -> BenchResult:
     }
     request = request_from(StepSweepRequest, values)
     _, wall_s, cpu = measure_time(lambda: measure_step_sweep(request))
-    return BenchResult("comparison of sampling steps, one system", wall_s, "s", cpu=cpu)
+    return BenchResult(
+        "comparison of sampling steps, one system", wall_s, "s", value_by_cpu_time=cpu
+    )
 
 
 def time_metrics(motion: Motion) -> BenchResult:
@@ -243,7 +245,7 @@ def measure_memory(folder: Path) -> list[BenchResult]:
     imports_mb = measure_peak_memory_mb("-c", imports)
     peaks_mb = []
     for duration_s in (SHORT_S, LONG_S):
-        clip = write_speech(duration_s, folder)
+        clip = write_example_of_duration(duration_s, folder)
         out = folder / f"{duration_s:g}"
         flags = ["--systems", system, "--steps", "1", "--no-video"]
         command = ["-m", "app", "generate", str(clip), "--out", str(out), *flags]
@@ -253,27 +255,22 @@ def measure_memory(folder: Path) -> list[BenchResult]:
         BenchResult("peak memory, 1-minute clip", short_mb, "MB"),
         BenchResult("peak memory, 10-minute clip", long_mb, "MB"),
         BenchResult(
-            "peak memory, 10-minute clip minus imports",
+            "peak memory beyond imports, 10-minute clip",
             long_mb - imports_mb,
             "MB",
             "at most 600 MB",
         ),
         BenchResult(
-            "peak memory ratio, 10-minute to 1-minute", long_mb / short_mb, "x", "at most 1.3"
+            "peak memory, 10-minute clip relative to 1-minute clip",
+            long_mb / short_mb,
+            "x",
+            "at most 1.3",
         ),
     ]
 
 
 def measure_training_windows_per_s(system: str, helpers: Path, config_name: str = "demo") -> float:
-    """Measure training of a system in windows per second, in one process, on synthetic data.
-
-    Args:
-        helpers: folder of networks that the system needs.
-        config_name: preset of the system's family that sets the size.
-
-    Raises:
-        CheckpointError: if an encoder is missing.
-    """
+    """Measure a training in windows/s, in one process on synthetic data; raises CheckpointError."""
     family = family_of(system)
     config = replace(family.config(config_name, system), batch_size=BATCH)
     with tempfile.TemporaryDirectory(prefix="training-rate-") as folder:
@@ -284,7 +281,7 @@ def measure_training_windows_per_s(system: str, helpers: Path, config_name: str 
             if step == WARM_STEPS:
                 started = time.perf_counter()
             rng = np.random.default_rng(step)
-            batch = data.window_batch(data.clips, task.window_frames, BATCH, rng)
+            batch = data.draw_windows(data.clips, task.window_frames, BATCH, rng)
             task.step(step, batch, torch.Generator().manual_seed(step))
         return TIMED_STEPS * BATCH / (time.perf_counter() - started)
 
@@ -301,9 +298,9 @@ def _made_up_data(folder: Path, speech_dim: int) -> PreparedData:
         clips=(PreparedClip("1_made_0", 1, "train", 0, _FRAMES),),
         poses=noise(165, 0.1),
         transl=noise(3, 0.01),
-        expression=noise(NUM_FACE_UNITS, 0.1),
+        arkit_weights=noise(NUM_FACE_UNITS, 0.1),
         speech=noise(speech_dim, 1.0),
-        speakers={1: "made"},
+        speaker_names={1: "made"},
     )
 
 

@@ -21,13 +21,13 @@ from app.config import use_matplotlib_file_backend
 from app.errors import Cancelled, message_for_user
 from app.flags import parse_command
 from app.run.output.console import SafeLogFormatter, print_message
-from model.systems.registry import unavailable_families
+from model.systems.registry import unavailable_family_messages
 
 PROGRAM = "python -m app"
 COMMANDS: Mapping[str, Callable[..., None]] = {
     "generate": runs.generate,
     "diagnose": runs.diagnose,
-    "steps": runs.steps,
+    "step-sweep": runs.step_sweep,
     "render": runs.render,
     "figure6": runs.figure6,
     "convert": convert,
@@ -40,12 +40,16 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "protocols": protocols,
     "doctor": doctor,
     "study export": studies.export,
-    "study check": studies.check,
-    "study links": studies.links,
+    "study check": studies.check_leaks,
+    "study links": studies.create_links,
     "study analyse": studies.analyse,
     "study simulate": studies.simulate,
 }
-RENAMED_COMMANDS = {"hearing": "speech-effect", "mechanism": "rotation-noise"}
+RENAMED_COMMANDS = {
+    "hearing": "speech-effect",
+    "mechanism": "rotation-noise",
+    "steps": "step-sweep",
+}
 RENAMED_FLAGS = {
     "--joint": "--tracked-point",
     "--no-pictures": "--no-poses",
@@ -61,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     log_to.setFormatter(SafeLogFormatter("%(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.WARNING, handlers=[log_to])
     command = parse(sys.argv[1:] if argv is None else argv)
-    for sentence in unavailable_families():
+    for sentence in unavailable_family_messages():
         print_message(sentence)
     # SIGTERM must unwind every `with`, so that no partial file or child process remains.
     previous = signal.signal(signal.SIGTERM, _interrupt)
@@ -102,17 +106,16 @@ def _with_current_names(argv: Sequence[str]) -> list[str]:
         renamed = RENAMED_FLAGS if number else RENAMED_COMMANDS
         if name in renamed:
             new = renamed[name]
-            print_message(f"{PROGRAM}: {name} was renamed to {new}. The old name will be removed.")
+            print_message(
+                f"{PROGRAM}: {name} was renamed to {new}. The old name still works, but will be "
+                "removed."
+            )
         current.append(f"{renamed.get(name, name)}{equals}{value}")
     return current
 
 
 def _overview(argv: Sequence[str]) -> NoReturn:
-    """Write the list of commands, or an error message for an unknown command.
-
-    Raises:
-        SystemExit: always.
-    """
+    """Write the list of commands, or an error for an unknown command, and exit."""
     begun = [word for word in argv[:1] if any(name.startswith(f"{word} ") for name in COMMANDS)]
     rest = argv[len(begun) :]
     commands = {

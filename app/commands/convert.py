@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from app.config import default_body
+from app.config import body_from_environment
 from app.errors import RunError, message_for_user
 from app.flags import File
-from app.run.batch.pairing import has_suffix
+from app.run.batch.pairing import is_visible_with_suffix
 from app.run.models import get_body
 from app.run.output.console import print_message, print_path
 from app.run.requests.convert import refuse_ignored
 from app.run.requests.parts import OverridesFlag
 from conventions.names import printable, safe_file_stem
-from model.formats.parameters import motion_files
+from model.formats.parameters import files_with_motion_names
 from model.formats.reading import ImportOverrides
 
 if TYPE_CHECKING:
@@ -43,12 +43,12 @@ class ConvertRequest:
     to: Literal[".npz", ".bvh", ".glb", ".vrma"] = ".npz"
     """File format for a folder of outputs."""
     import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
-    body: File = field(default_factory=default_body)
+    body: File = field(default_factory=body_from_environment)
     """A character (.vrm, .glb), into which .glb output is written; or a licensed
     SMPLX_NEUTRAL*.npz, which gives the mean hand pose, and the skeleton of .bvh and .glb."""
-    flame_to_arkit: File = None
+    flame_to_arkit_matrix: Annotated[File, arg(name="flame-to-arkit")] = None
     """BEAT2's mat_final.npy, to convert FLAME face coefficients to ARKit weights."""
-    is_json: Annotated[bool, arg(name="json")] = False
+    prints_json: Annotated[bool, arg(name="json")] = False
     """Write the assumptions made for each file as JSON."""
 
 
@@ -57,19 +57,19 @@ def convert(request: Annotated[ConvertRequest, arg(name="")]) -> None:
 
     Files are written as they were interpreted: at 30 frames per second, in metres, y up, hands
     relative to the flat hand, 55 joints. The assumptions are reported. Files that cannot be read
-    are named and skipped (exit status 1).
+    are reported and skipped (exit status 1).
     """
     written = convert_files(request)
     failed = [each for each in written if "error" in each]
-    if request.is_json:
+    if request.prints_json:
         sys.stdout.write(json.dumps(written, indent=1) + "\n")
     for each in written:
         for sentence in [each["error"]] if "error" in each else each["notes"]:
             print_message(sentence)
-        if "out" in each and not request.is_json:
+        if "out" in each and not request.prints_json:
             print_path(Path(each["out"]))
     if failed:
-        raise RunError(f"{len(failed)} of {len(written)} files could not be read.")
+        raise RunError(f"{len(failed)} of {len(written)} files were not converted (see above).")
 
 
 def convert_files(request: ConvertRequest) -> list[dict[str, Any]]:
@@ -84,9 +84,9 @@ def convert_files(request: ConvertRequest) -> list[dict[str, Any]]:
     is_file = request.out.suffix.lower() in FORMS
     missing = next((path for path in request.files if not path.exists()), None)
     if missing is not None:
-        raise RunError(f"There is no {missing}.")
+        raise RunError(f"{missing} does not exist.")
     if is_file:
-        why = f"--out is a {request.out.suffix.lower()} file"
+        why = f"--out names a {request.out.suffix.lower()} file, which sets the format"
         refuse_ignored(request, ("to",), why, to=request.out.suffix.lower())
     packed = [(path, ENDINGS) for path in request.files if not path.is_dir()]
     if is_file:
@@ -100,7 +100,10 @@ def convert_files(request: ConvertRequest) -> list[dict[str, Any]]:
         if not paths:
             raise RunError(f"The inputs contain no motion file ({', '.join(ENDINGS)}).")
         if is_file and len(paths) != 1:
-            raise RunError(f"--out is one file for {len(paths)} motions; name a folder instead.")
+            raise RunError(
+                f"--out names a single file, but the inputs contain {len(paths)} motions; give a "
+                "folder instead."
+            )
         request.import_overrides.check_files_exist(
             [path for path, _ in paths], *(str(name) for _, name in paths)
         )
@@ -120,8 +123,8 @@ def _motion_paths(
         if not folder.is_dir():
             yield source, Path(source.name)
             continue
-        for path, name in motion_files(folder):
-            if has_suffix(endings, name):
+        for path, name in files_with_motion_names(folder):
+            if is_visible_with_suffix(endings, name):
                 yield path, name
 
 
@@ -165,13 +168,13 @@ def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Impor
     from model.motion.flame import flame_to_arkit, read_flame_matrix
     from model.motion.motion import save_motion
     from model.storage.files import written_atomically
-    from renderer.files.character_glb import animated_glb
+    from renderer.files.character_glb import character_glb_bytes
     from renderer.files.exports import write_bvh
     from renderer.files.vrma import vrma_bytes
 
     reading = read_any_motion(path, request.import_overrides, request.body, name)
-    if request.flame_to_arkit is not None:
-        matrix = read_flame_matrix(request.flame_to_arkit)
+    if request.flame_to_arkit_matrix is not None:
+        matrix = read_flame_matrix(request.flame_to_arkit_matrix)
         reading = replace(reading, motion=flame_to_arkit(reading.motion, matrix))
     out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix.lower() == ".npz":
@@ -183,6 +186,6 @@ def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Impor
             if out.suffix.lower() == ".bvh":
                 write_bvh(body, motion, part)
             else:
-                write = vrma_bytes if out.suffix.lower() == ".vrma" else animated_glb
+                write = vrma_bytes if out.suffix.lower() == ".vrma" else character_glb_bytes
                 part.write_bytes(write(body, motion))
     return reading

@@ -15,7 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from app.commands.runs import Files
-from app.config import BUNDLED_WEIGHTS, REQUESTED_BACKEND, default_body, matplotlib_backend_error
+from app.config import (
+    BUNDLED_WEIGHTS,
+    REQUESTED_BACKEND,
+    body_from_environment,
+    matplotlib_backend_error,
+)
 from app.errors import RunError, message_for_user
 from app.flags import FileOrDefault, set_family_files
 
@@ -35,10 +40,6 @@ class CheckResult:
     is_needed: bool = True
     """True if the app does not work when this check fails."""
 
-    @property
-    def is_broken(self) -> bool:
-        return self.is_needed and not self.works
-
 
 def doctor(files: Files, body: FileOrDefault = None, weights: Path = BUNDLED_WEIGHTS) -> None:
     """Check the installation and say how to fix problems.
@@ -52,9 +53,9 @@ def doctor(files: Files, body: FileOrDefault = None, weights: Path = BUNDLED_WEI
         weights: Folder of trained systems.
     """
     set_family_files(vars(files))
-    findings = run_checks(weights, body or default_body())
+    findings = run_checks(weights, body or body_from_environment())
     sys.stdout.write(format_report(findings))
-    broken = [finding.name for finding in findings if finding.is_broken]
+    broken = [finding.name for finding in findings if finding.is_needed and not finding.works]
     if broken:
         raise RunError(f"Checks failed: {', '.join(broken)}. See the advice above.")
 
@@ -142,7 +143,7 @@ def _video_rate() -> CheckResult:
         return CheckResult("videos", False, _error_text(error), advice, is_needed=False)
     (began, before), (ended, _) = [each for each in times if each[1] > 0.0][:1] + times[-1:]
     rate = RATE_FRAMES * (1.0 - before) / max(ended - began, 1e-3)
-    return CheckResult("videos", True, f"{rate:.0f} frames of 512 x 512 pixels per second")
+    return CheckResult("videos", True, f"{rate:.0f} frames per second at 512 x 512 pixels")
 
 
 def _body(path: Path | None) -> CheckResult:
@@ -151,7 +152,7 @@ def _body(path: Path | None) -> CheckResult:
     try:
         body = load_body(path)
     except Exception as error:
-        advice = "choose another file with --body FILE, or leave --body and $SMPLX_MODEL out"
+        advice = "choose another file with --body FILE, or omit --body and unset $SMPLX_MODEL"
         return CheckResult("body", False, _error_text(error), advice)
     detail = f"{body.name}, {body.num_vertices} vertices, {body.expression_basis} expressions"
     return CheckResult("body", True, detail)
@@ -175,12 +176,12 @@ def _weights(folder: Path) -> CheckResult:
 
 def _family_files() -> list[CheckResult]:
     """Check family packages that failed to load, and the files that users provide for families."""
-    from model.systems.registry import families, unavailable_families
+    from model.systems.registry import families, unavailable_family_messages
 
     advice = "reinstall the package, or remove it with pip uninstall"
     broken = [
         CheckResult("family", False, message, advice, is_needed=False)
-        for message in unavailable_families()
+        for message in unavailable_family_messages()
     ]
     return broken + [
         CheckResult(
@@ -234,7 +235,7 @@ def _memory() -> CheckResult:
         "memory",
         free_gb >= MIN_MEMORY_GB,
         f"{free_gb:.1f} GB free, {cores} cores",
-        f"at least {MIN_MEMORY_GB:g} GB of free memory are needed; close other programs",
+        f"at least {MIN_MEMORY_GB:g} GB of free memory is needed; close other programs",
     )
 
 

@@ -9,18 +9,18 @@ from typing import Annotated
 from tyro.conf import arg
 
 
-def protocols(is_json: Annotated[bool, arg(name="json")] = False) -> None:
+def protocols(prints_json: Annotated[bool, arg(name="json")] = False) -> None:
     """List the measurement protocols with their rules and the files that each needs.
 
     Every number in tables and files carries the id of its protocol; numbers with different ids
     cannot be compared.
 
     Args:
-        is_json: write the records as JSON.
+        prints_json: Write the protocols as JSON.
     """
     from model.metrics.protocols.table import HEADINGS, PROTOCOLS, protocol_row
 
-    if is_json:
+    if prints_json:
         records = [
             dict(zip(HEADINGS, protocol_row(record), strict=True))
             | {"values": record.value_units or {}}

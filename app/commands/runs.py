@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from app.errors import RunError
-from app.flags import Count, Names, family_files, set_family_files, text_type
+from app.flags import Count, Names, family_files_annotation, parsed_type, set_family_files
 from app.run.batch.leaderboard import (
+    entries_from_results,
     leaderboard_html,
     merge_entries,
-    read_entries,
     read_leaderboard,
     write_leaderboard,
 )
@@ -41,19 +41,26 @@ from app.run.tasks import (
     MEASURE_SPEECH_EFFECT,
     MEASURE_STEPS,
     REDRAW_FIGURE,
-    Task,
+    ImportedFunction,
 )
+from conventions.names import pluralise
 from model.storage.files import write_atomically
 from processes.pool import JobPool
 
-_DRAWS_PLANS = ("weights", "speaker", "seed", "guidance", "transcript", "words", "style")
+_DRAWS_PLANS = ("weights", "speaker", "seed", "guidance", "transcript", "word_source", "style")
 """Options that determine a plan sampled from speech."""
-_FIGURE = ("joint", "start_frame", "figure_forms", "figure_panels", "figure_frames", "figure_width")
-_OF_ONE = ("transcript", "words", "window", "overlap", *_FIGURE, "visible", "has_video")
+_FIGURE = (
+    *("tracked_point", "start_frame"),
+    *("figure_formats", "figure_panels", "figure_frames", "figure_width"),
+)
+_OF_ONE = (
+    *("transcript", "word_source", "generation_window_frames", "window_overlap_frames"),
+    *(*_FIGURE, "visible", "has_video"),
+)
 """Options of `diagnose` that apply to single motions and not to sets."""
 _METRICS = ("mean_speeds", "emage_weights", "genea_weights", "semantics", "expected")
 """Options of `diagnose` that apply to metrics."""
-Files = Annotated[Any, family_files()]
+Files = Annotated[Any, family_files_annotation()]
 Flat = arg(name="")
 """Annotation that names flags after the fields of a request's parts, without the request's own
 name."""
@@ -65,16 +72,12 @@ class PoolOptions:
 
     processes: Count = None
     """Number of processes on this machine for many clips, with one thread each."""
-    scheduler: Annotated[str | None, text_type(str, "ADDRESS", "none")] = None
+    scheduler: Annotated[str | None, parsed_type(str, "ADDRESS", "none")] = None
     """Address of a Dask scheduler for many clips, such as tcp://head:8786; its workers must have
     access to the same files (docs/many-clips.md)."""
 
     def make_pool(self) -> JobPool:
-        """Return the pool of workers.
-
-        Raises:
-            RunError: if processes and scheduler are both set.
-        """
+        """Return the pool of workers; raises RunError if processes and scheduler are both set."""
         if self.processes is not None and self.scheduler is not None:
             raise RunError("Give either --processes or --scheduler; a cluster has its own workers.")
         return JobPool(self.processes, self.scheduler)
@@ -98,16 +101,18 @@ def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool
         _run(GENERATE, request, request.output.out)
 
 
-def _run(task: Task, request: Any, out: Path) -> None:
+def _run(task: ImportedFunction, request: Any, out: Path) -> None:
     """Run a task, and report its output files, verdict, findings and notes."""
     with ProgressBars() as shown:
         task(request, RunCallbacks(shown.on_event))
     record = read_run(out)
-    verdict = [] if record.verdict is None else [record.verdict.numbers, record.verdict.comparison]
+    verdict = (
+        [] if record.verdict is None else [record.verdict.jerk_sentence, record.verdict.comparison]
+    )
     captions = [record.figure_captions.get(key) for key in ("step", "beats")]
     findings = record.top_findings if record.kind == "generated" else record.findings
     sentences = [
-        f"{record.label(each.name)}: {each.sentence}".removeprefix(": ") for each in findings
+        f"{record.label(each.motion_name)}: {each.sentence}".removeprefix(": ") for each in findings
     ]
     paths = [out / name for name in record.result_files]
     _finish(paths, [*record.notes, *filter(None, [*verdict, *captions]), *sentences])
@@ -128,27 +133,30 @@ def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
             print_path(folder)
 
         done = run_batch(clip_requests(request), pool, on_done)
-    _finish([request.output.out / path.name for path in done.files], done.notes)
+    _finish([request.output.out / path.name for path in done.table_files], done.notes)
     for clip, sentence in done.failed.items():
         print_message(f"{clip}: {sentence}")
     if done.num_reused:
-        print_message(f"{done.num_reused} clips were already finished and were reused.")
+        print_message(
+            f"{pluralise(done.num_reused, 'clip')} had already been generated; the results "
+            "were reused."
+        )
     if done.failed:
+        count = len(done.failed) + len(done.finished_clips)
         raise RunError(
-            f"{len(done.failed)} of {len(done.failed) + len(done.clips)} clips failed. Run the "
-            "same command again to retry them."
+            f"{len(done.failed)} of {count} clips failed. Run the same command again to retry them."
         )
 
 
 def diagnose(
     request: Annotated[DiagnoseRequest, Flat],
     pool: PoolOptions,
-    check: Annotated[Literal["genea"] | None, text_type(str, "genea", "nothing")] = None,
+    check: Annotated[Literal["genea"] | None, parsed_type(str, "genea", "nothing")] = None,
 ) -> None:
     """Compute metrics and figures for motion files from any source and report faults.
 
-    Motions are measured raw and filtered. The figures are Figure 6, where the jitter occurs, and
-    how rotation errors grow along the kinematic chain.
+    Motions are measured raw and filtered. The figures show the trajectory of the tracked point
+    (Figure 6), the sources of jitter, and the growth of rotation errors along the kinematic chain.
 
     Args:
         check: Check sets against the rules of the GENEA leaderboard and compute no metrics; needs
@@ -157,10 +165,10 @@ def diagnose(
     from app.run.batch.archives import is_archive
 
     if check not in (None, "genea"):
-        raise RunError("--check must be genea.")
+        raise RunError(f"--check accepts only 'genea'; got {check!r}.")
     paths = request.motions.motions
     if not paths:
-        raise RunError("There is no motion to measure; name at least one file.")
+        raise RunError("No motion was given; name at least one file.")
     if check is not None:
         _check_sets(request)
         return
@@ -168,7 +176,9 @@ def diagnose(
         _diagnose_folders(request, pool.make_pool())
         return
     if request.metrics.emage_weights is not None or request.metrics.genea_weights:
-        raise RunError("FGD is computed over many clips; encoders of FGD need a folder of clips.")
+        raise RunError(
+            "FGD compares sets of clips; --emage-weights and --genea-weights need folders of clips."
+        )
     if request.metrics.expected:
         raise RunError("Papers report values over many clips; --expect needs a folder of clips.")
     _run(DIAGNOSE, request, request.output.out)
@@ -199,7 +209,7 @@ def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
     with ProgressBars() as shown, _report_interruption():
         result = diagnose_folders(request, partial(shown.update, "measure clips"), pool)
     _finish(result.files, result.notes)
-    left_out, clips = result.summary["left_out"], result.summary["clips"]
+    left_out, clips = result.batch_json["left_out"], result.batch_json["clips"]
     if left_out:
         raise RunError(
             f"{len(left_out)} of {len(left_out) + len(clips)} clips could not be measured. The "
@@ -207,11 +217,11 @@ def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
         )
 
 
-def steps(request: Annotated[StepSweepRequest, Flat], files: Files) -> None:
+def step_sweep(request: Annotated[StepSweepRequest, Flat], files: Files) -> None:
     """Measure quality and speed for several numbers of sampling steps.
 
     The same motion is generated with few and with many steps. Jerk, and the distance to the result
-    with the most steps, are plotted over milliseconds per frame on this machine.
+    with the most steps, are plotted against the time per frame on this machine.
     """
     set_family_files(vars(files))
     _run(MEASURE_STEPS, request, request.output.out)
@@ -226,7 +236,7 @@ def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -
     """
     set_family_files(vars(files))
     if request.compares_existing_motions:
-        ignored = ("weights", "speaker", "systems", "guidance", "seeds")
+        ignored = ("weights", "speaker", "systems", "guidance", "num_seeds")
         refuse_ignored(request, ignored, "With a folder of motions, nothing is generated")
     _run(MEASURE_SPEECH_EFFECT, request, request.output.out)
 
@@ -234,59 +244,67 @@ def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -
 def rotation_noise(request: Annotated[RotationNoiseRequest, Flat]) -> None:
     """Show the effect of equal noise on local (parent-relative) and on global joint rotations.
 
-    This is the paper's argument on a body: the same random rotations are applied to the local and
-    to the global rotations of a motion, both bodies are rendered side by side, and the displacement
-    of a fingertip is reported, as measured and from the closed form. No network takes part.
+    The same random rotations are applied to the local and to the global rotations of a motion, as
+    an illustration of the GlobalDiff paper's argument. Both bodies are rendered side by side, and
+    the displacement of the tracked point is reported, as measured and as predicted analytically. No
+    network is used.
     """
     _run(COMPARE_ROTATION_NOISE, request, request.output.out)
 
 
 def plan(request: Annotated[PlanRequest, Flat]) -> None:
-    """Write a gesture plan for a speech or of a motion, to be used with `generate --plan`.
+    """Write a gesture plan, sampled from speech or detected in a motion, for `generate --plan`.
 
-    The plan is sampled from the speech, without generating motion: what each hand does, when, where
-    and on which word; gaze, nods, brows, smiles, blinks and shifts of weight. It can be edited by
+    From speech, no motion is generated. The plan contains what each hand does, when, where and on
+    which word; gaze, nods, brows, smiles, blinks and shifts of weight. It can be edited by
     hand, in Praat or in ELAN (docs/plans.md): --out ends in .json, .TextGrid or .eaf. From a motion
-    file (.npz, .npy, .bvh), the phases are detected automatically, without form or word; check them
-    in ELAN, as the accuracy on recorded people is unknown.
+    file (.npz, .npy, .bvh), the phases are detected automatically, without gesture forms and
+    words; check them in ELAN, as the accuracy on recorded people is unknown.
     """
-    from app.run.generated_motions import is_motion_file, make_plan, write_plan_from_motion
+    from app.run.generated_motions import (
+        has_motion_suffix,
+        write_plan_from_motion,
+        write_plan_from_speech,
+    )
 
     source = request.speech.path
-    if is_motion_file(source):
-        refuse_ignored(request, (*_DRAWS_PLANS, "channel"), "The plan of a motion file is detected")
-        if request.is_empty:
-            raise RunError("The plan of a motion file is detected; remove --empty.")
+    if has_motion_suffix(source):
+        why = "From a motion file, the plan is detected and not sampled"
+        refuse_ignored(request, (*_DRAWS_PLANS, "channel"), why)
+        if request.writes_empty_plan:
+            raise RunError(f"{why}; remove --empty.")
         _finish(
             [request.out], write_plan_from_motion(source, request.out, request.import_overrides)
         )
         return
-    what = "Import settings are for motion files, and the input is speech"
+    what = "Import settings apply only to motion files, but the input is speech"
     refuse_ignored(request, ("import_overrides",), what)
-    if request.is_empty:
+    if request.writes_empty_plan:
         ignored = tuple(name for name in _DRAWS_PLANS if name != "style")
         refuse_ignored(request, ignored, "An empty plan is not sampled")
-    _finish([request.out], make_plan(request).notes)
+    _finish([request.out], write_plan_from_speech(request).notes)
 
 
 def render(request: Annotated[RenderRequest, Flat]) -> None:
     """Render a motion as video or stills, or export it for 3D software.
 
-    The suffix of --out selects the format. A .png is a contact sheet of eight poses, or what
-    --stills and --contact-sheet-every select; with a .mp4, they are written under its name. A
-    .blender.npz is for the SMPL-X add-on of Blender, a .vrma for players of VRM characters.
+    The suffix of --out selects the format. A .png is a contact sheet of eight poses, unless
+    --stills or --contact-sheet-every selects other frames; with a .mp4, these pictures are written
+    next to the video. A .blender.npz is for the SMPL-X add-on of Blender, a .vrma for players of
+    VRM characters.
     """
-    from app.run.videos.export import render_motion
+    from app.run.videos.export import render_or_export_motion
 
     if not request.is_video_or_picture:
-        ignored = ("speech", "views", "close_ups", "framing", "joint")
-        refuse_ignored(request, ignored, f"A {request.suffix} file contains only the body")
+        ignored = ("speech", "views", "close_ups", "framing", "tracked_point")
+        why = f"A {request.suffix} file has no sound, camera or tracked point"
+        refuse_ignored(request, ignored, why)
     if request.suffix not in (".obj", ".ply"):
-        refuse_ignored(request, ("frame",), f"A {request.suffix} file contains all frames")
+        refuse_ignored(request, ("mesh_frame",), "Only .obj and .ply files contain a single frame")
     if request.is_video_or_picture or request.suffix in (".obj", ".ply"):
         refuse_ignored(request, ("plan",), f"A {request.suffix} file cannot contain a plan")
     with ProgressBars() as shown:
-        files, notes = render_motion(request, RunCallbacks(shown.on_event))
+        files, notes = render_or_export_motion(request, RunCallbacks(shown.on_event))
     _finish(files, notes)
 
 
@@ -323,11 +341,11 @@ def leaderboard_add(
         note: Text to show next to the numbers.
     """
     old_entries = read_leaderboard(board) if board.exists() else []
-    new = [read_entries(folder, note, list(systems)) for folder in results]
+    new = [entries_from_results(folder, note, list(systems)) for folder in results]
     entries = merge_entries([old_entries, *new])
     write_leaderboard(entries, board)
     print_message(
-        f"Entries of the leaderboard: {len(entries)}, new ones: {len(entries) - len(old_entries)}."
+        f"Leaderboard entries: {len(entries)}, {len(entries) - len(old_entries)} of them new."
     )
     print_path(board)
 
@@ -348,7 +366,7 @@ def leaderboard_merge(
 
 
 def leaderboard_page(board: Board, out: Path) -> None:
-    """Write a leaderboard as an HTML page that can be sorted.
+    """Write a leaderboard as an HTML page with sortable tables.
 
     Args:
         out: Page to write; it must end in .html.

@@ -8,12 +8,15 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from app.config import BUNDLED_WEIGHTS, default_body
+from app.config import BUNDLED_WEIGHTS, body_from_environment
 from app.errors import RunError
-from app.flags import Count, File, FileOrDefault, text_type
+from app.flags import Count, File, FileOrDefault, parsed_type
 from app.run.output.console import ProgressBars, print_message, print_path
+from conventions.names import pluralise
 
-Study = Annotated[Positional[Path], arg(metavar="DIR", help="Folder that the export made.")]
+StudyFolder = Annotated[
+    Positional[Path], arg(metavar="DIR", help="Folder written by `study export`.")
+]
 
 
 def export(
@@ -35,37 +38,38 @@ def export(
         weights: Folder of trained systems.
     """
     from app.run.callbacks import RunCallbacks
-    from app.study.design.plan import read_plan
+    from app.study.design.plan import read_study_plan
     from app.study.export import export_study
 
-    body = body or default_body()
-    read = read_plan(plan.absolute())
+    body = body or body_from_environment()
+    read = read_study_plan(plan.absolute())
     try:
         with ProgressBars() as shown:
-            workspace = export_study(read, out, weights, body, RunCallbacks(shown.on_event))
+            folders = export_study(read, out, weights, body, RunCallbacks(shown.on_event))
     except KeyboardInterrupt:
         raise RunError(
             "Interrupted. The key and the finished videos are kept; run the same command again to "
             "continue."
         ) from None
     print_message(
-        f"Study of {len(read.clips)} clips and {len(read.systems)} systems with "
-        f"{read.participants} lists; no leak was found. Host the first of these folders; keep the "
-        "second one private."
+        f"The study has {pluralise(len(read.clips), 'clip')}, "
+        f"{pluralise(len(read.conditions), 'system')} and "
+        f"{pluralise(read.participants, 'trial list')} (one per participant); no leak was found. "
+        f"Host {folders.bundle.name}; keep {folders.private.name} private."
     )
-    print_path(workspace.bundle)
-    print_path(workspace.private)
+    print_path(folders.bundle)
+    print_path(folders.private)
 
 
-def check(study: Study) -> None:
+def check_leaks(study: StudyFolder) -> None:
     """Check an export for anything that reveals the system behind a video.
 
     Names, addresses, JSON, metadata, times, order, sizes, bit rates, lengths and sound are tested
-    against the system. The exit status is 1 if something reveals it.
+    for any relation to the system. The exit status is 1 if a leak is found.
     """
-    from app.study.leaks import check_study
+    from app.study.leaks import find_leaks
 
-    leaks = check_study(study)
+    leaks = find_leaks(study)
     for leak in leaks:
         print_message(f"LEAK {leak}")
     if leaks:
@@ -74,16 +78,16 @@ def check(study: Study) -> None:
     sys.stdout.write("No leak was found.\n")
 
 
-def links(
-    study: Study,
+def create_links(
+    study: StudyFolder,
     address: str,
     participants: Annotated[Count, arg(help_behavior_hint="")] = None,
 ) -> None:
-    """Write a signed link for each participant.
+    """Create a signed link for each participant.
 
-    Participant, list and link are written as CSV. From then on, the analysis excludes answers that
-    came without a link, with a forged one, or with one used twice. The same links are written each
-    time.
+    Participant, list and link are written to standard output as CSV; running the command again
+    writes the same links. The signing secret is stored in key.json. From then on, the analysis
+    excludes answers without a link, with a forged link, or with a link that was used twice.
 
     Args:
         address: URL at which participant_bundle is hosted.
@@ -97,12 +101,12 @@ def links(
 
     path = study / "researcher_only" / "key.json"
     key = read_key(path)
-    count = key.participants if participants is None else participants
+    count = key.num_participants_planned if participants is None else participants
     if not 1 <= count <= MAX_LINKS:
         raise RunError(f"--participants must be from 1 to {MAX_LINKS}; got {count}.")
     is_new = key.link_secret is None
     key = replace(key, link_secret=key.link_secret or secrets.token_hex(32))
-    rows = [(n, key.list_of(n), key.link(n, address)) for n in range(count)]
+    rows = [(n, key.list_number_of(n), key.link(n, address)) for n in range(count)]
     if is_new:
         write_key(key, path)
     sys.stdout.write(csv_text([("participant", "list", "link"), *rows]))
@@ -123,8 +127,8 @@ def analyse(
 
     Args:
         answers: Answer files, or folders of them.
-        key: researcher_only/key.json; without it, the answers are one table of battles (CSV) in the
-            format of the GENEA leaderboard's analysis.
+        key: researcher_only/key.json; without it, the answers must be one table of battles
+            (CSV) in the format of the GENEA leaderboard's analysis.
         out: Folder of results.
         diagnostics: Folder with CLIP/diagnostics.json for each clip; their jitter is compared with
             the reasons that participants gave.
@@ -149,20 +153,20 @@ def _strengths(flag: str) -> dict[str, float]:
 
 
 def simulate(
-    study: Study,
+    study: StudyFolder,
     raters: int,
-    strengths: Annotated[dict[str, float], text_type(_strengths, "NAME=V,...")],
+    strengths: Annotated[dict[str, float], parsed_type(_strengths, "NAME=V,...")],
     out: Path,
     seed: int = 0,
 ) -> None:
     """Simulate the answers of raters with known preferences.
 
     This tests the analysis before there are answers: the raters follow a Bradley-Terry model with
-    the strengths from --strengths (natural logarithm).
+    the log-strengths from --strengths (natural logarithm).
 
     Args:
         raters: Number of simulated raters.
-        strengths: Strength of every system of the study plan, such as recorded=1,ours=0.
+        strengths: Log-strength of every system of the study plan, such as recorded=1,ours=0.
         out: Folder for the answers.
         seed: Seed of the answers.
     """

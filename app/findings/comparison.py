@@ -11,8 +11,7 @@ from conventions.joints import FINGERTIP_VERTICES
 from conventions.names import REFERENCE_NAME, SampleName, short_names
 
 SIMILAR_RATIO = 1 / 0.95
-"""Largest ratio that counts as equal: two numbers are alike if one is at most 5 % less than the
-other."""
+"""Largest ratio that counts as equal: two numbers are alike if one is at most 5 % less."""
 
 Samples = dict[int, float]
 """Value by number of the sample, or of the clip, from 1."""
@@ -25,7 +24,7 @@ class Ratio:
     """Ratio of two systems' means, with a 95 % interval where they share several samples."""
 
     value: float
-    num_samples: int = 1
+    num_pairs: int = 1
     low: float | None = None
     high: float | None = None
 
@@ -34,12 +33,12 @@ class Ratio:
         return abs(log(self.value)) < log(SIMILAR_RATIO)
 
     @property
-    def includes_one(self) -> bool:
-        """True if the interval contains 1, so that the systems do not differ significantly."""
+    def interval_includes_one(self) -> bool:
+        """True if the interval contains 1: no significant difference. False without an interval."""
         return self.low is not None and self.high is not None and self.low <= 1.0 <= self.high
 
 
-def samples_by_system(names: Iterable[str]) -> dict[str, dict[int, str]]:
+def sample_names_by_system(names: Iterable[str]) -> dict[str, dict[int, str]]:
     """Return sample names by system and number: ``a`` and ``a.s2`` are samples 1 and 2 of ``a``."""
     names = list(names)
     systems: dict[str, dict[int, str]] = {}
@@ -52,7 +51,7 @@ def samples_by_system(names: Iterable[str]) -> dict[str, dict[int, str]]:
 
 
 def values_by_metric(clips: Iterable[Mapping[str, Mapping[str, float]]]) -> Table:
-    """Return the values by measure: of one clip each sample, of several the mean of each clip.
+    """Return values by metric, system and number: of one clip each sample, else each clip's mean.
 
     Args:
         clips: values by motion, then by key of the measure, for each clip.
@@ -60,7 +59,7 @@ def values_by_metric(clips: Iterable[Mapping[str, Mapping[str, float]]]) -> Tabl
     clips = list(clips)
     table: dict[str, dict[str, Samples]] = {}
     for number, clip in enumerate(clips, 1):
-        for system, samples in samples_by_system(clip).items():
+        for system, samples in sample_names_by_system(clip).items():
             for key in dict.fromkeys(key for name in samples.values() for key in clip[name]):
                 of = {n: clip[name][key] for n, name in samples.items() if key in clip[name]}
                 of_clip = of if len(clips) == 1 else {number: mean(of)}
@@ -87,7 +86,7 @@ def ratio_of_means(numerator: Samples, denominator: Samples) -> Ratio | None:
 
 def format_means(values: Mapping[str, Samples]) -> str:
     """Format the mean of each system as one line, for example "a 1, b 2; reference 3"."""
-    means = {name: format_number(mean(each)) for name, each in values.items()}
+    means = {name: format_two_digits(mean(each)) for name, each in values.items()}
     reference = means.pop(REFERENCE_NAME, None)
     listed = ", ".join(f"{label} {means[name]}" for name, label in short_names(means).items())
     return listed if reference is None else f"{listed}; {REFERENCE_NAME} {reference}"
@@ -109,7 +108,7 @@ def format_finding_kinds(kinds: Iterable[str]) -> str:
     return ", ".join(KIND_TITLES.get(kind, kind.replace("_", " ")) for kind in kinds)
 
 
-def format_number(value: float) -> str:
+def format_two_digits(value: float) -> str:
     """Format a number with two significant digits, whole numbers from ten on, without exponent."""
     rounded = float(f"{value:.2g}")
     if abs(rounded) >= 10.0 or rounded == 0.0:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from model.metrics.results import MotionMetrics
 
 
-def mean(values: Float[np.ndarray, " N"]) -> float:
+def mean_over_joints(values: Float[np.ndarray, " N"]) -> float:
     """Compute the mean over all joints; NaN if one has a gap."""
     return sum(values.tolist()) / len(values)
 
@@ -62,14 +62,14 @@ class Metric:
 
 
 _POINT, _JOINTS, _FEET, _POSTURE = "Tracked point", "All joints", "Feet", "Posture"
-_HANDS, _ERROR = "Hands", "Error against the reference"
+_HANDS, _ERROR = "Hands", "Error relative to the reference"
 _BEATS, _STEP, _DIVERSITY = "Beat alignment", "Synchrony with the speech", "Diversity"
 _BEATS_KEY, _CHANCE_KEY = "beat_align", "beat_align_chance"
 METRICS = (
     Metric("tracked_point_speed_m_s", _POINT, "Speed", "m/s",
-            "Mean speed. Compare jerk at similar speed only: motion that hardly moves is always "
-            "smooth.",
-            lambda m: m.point.tip_path_m_s, is_primary=True),
+            "Mean speed. Compare jerk only between motions of similar speed: a body that hardly "
+            "moves is always smooth.",
+            lambda m: m.point.tip_speed_m_s, is_primary=True),
     Metric("tracked_point_acceleration_m_s2", _POINT, "Acceleration", "m/s²",
             "Mean magnitude of the rate of change of velocity.",
             lambda m: m.point.tip_acceleration_m_s2, required_parts=("detail",)),
@@ -78,8 +78,8 @@ METRICS = (
             lambda m: m.point.tip_jerk_m_s3, is_primary=True, required_parts=("detail",),
             parts_that_must_match=("place",)),
     Metric("tracked_point_power_above_5hz_percent", _POINT, "Power above 5 Hz", "%",
-            "Share of the velocity's power above 5 Hz, which is mostly jitter rather than gesture.",
-            lambda m: m.point.tip_velocity_power_above_5hz, 100, required_parts=("detail",)),
+            "Share of velocity power above 5 Hz. Power there is mostly jitter rather than gesture.",
+            lambda m: m.point.tip_velocity_power_share_above_5hz, 100, required_parts=("detail",)),
     Metric("tracked_point_sparc", _POINT, "SPARC", "",
             "Spectral arc length of the speed. Closer to 0 is smoother.",
             lambda m: m.point.tip_sparc, required_parts=("detail",)),
@@ -89,12 +89,13 @@ METRICS = (
             parts_that_must_match=("place",)),
     Metric("joint_jerk_m_s3", _JOINTS, "Mean jerk", "m/s³",
             "Mean jerk of the positions of all 55 joints.",
-            lambda m: mean(m.positions.joint_jerk_m_s3), is_primary=True,
+            lambda m: mean_over_joints(m.positions.joint_jerk_m_s3), is_primary=True,
             required_parts=("detail",), parts_that_must_match=("place",)),
     Metric("joint_rotation_noise_deg", _JOINTS, "Rotation noise", "°",
             "Estimated white noise in the joint rotations. For comparison: below 0.3° in two "
             "recorded clips.",
-            lambda m: mean(m.rotations.joint_rotation_noise_deg), required_parts=("detail",)),
+            lambda m: mean_over_joints(m.rotations.joint_rotation_noise_deg),
+            required_parts=("detail",)),
     Metric("seam_jerk_ratio", _JOINTS, "Seam jerk ratio", "times elsewhere",
             "Peak jerk at window seams relative to the rest of the clip. 1 means that seams do not "
             "stand out.",
@@ -120,39 +121,42 @@ METRICS = (
             lambda m: m.posture.root_drift_m, 100, required_parts=("place",)),
     Metric("hand_speed_correlation", _HANDS, "Correlation of hand speeds", "r",
             "Correlation of the speeds of both wrists. 1 means that they always move together.",
-            lambda m: m.posture.hand_speed_symmetry),
+            lambda m: m.posture.hand_speed_correlation),
     Metric("finger_limit_violations_percent", _HANDS, "Finger joint-limit violations", "%",
-            "Share of frames and finger joints bent beyond the human range.",
-            lambda m: m.ranges.finger_angle_outside_share, 100,
+            "Share of finger-joint angles, over all frames, that are beyond the human range.",
+            lambda m: m.joint_limits.finger_angle_outside_share, 100,
             required_parts=("finger_angles", "hands")),
     Metric("left_fingers_still_percent", _HANDS, "Left fingers still", "%",
-            "Share of frames in which no joint of the hand rotates.",
+            "Share of frames in which all finger joints of the hand rotate slower than 1°/s.",
             lambda m: m.rotations.fingers_still_share.left, 100, required_parts=("hands",)),
     Metric("right_fingers_still_percent", _HANDS, "Right fingers still", "%",
-            "Share of frames in which no joint of the hand rotates.",
+            "Share of frames in which all finger joints of the hand rotate slower than 1°/s.",
             lambda m: m.rotations.fingers_still_share.right, 100, required_parts=("hands",)),
     Metric("pelvis_error_cm", _ERROR, "Pelvis position", "cm",
             "Mean distance between the pelvis and that of the reference.",
             lambda m: m.errors and m.errors.root_error_m, 100, False),
     Metric("joint_position_error_cm", _ERROR, "Joint position, pelvis-aligned", "cm",
             "Mean distance between the joints and those of the reference, with the pelvis aligned.",
-            lambda m: m.errors and mean(m.errors.position_error_m), 100, False),
+            lambda m: m.errors and mean_over_joints(m.errors.position_error_m), 100, False),
     Metric("global_rotation_error_deg", _ERROR, "Global rotation", "°",
-            "Mean angle to the reference's joint rotations, both in world coordinates.",
-            lambda m: m.errors and mean(m.errors.global_rotation_error_deg), 1, False),
+            "Mean angle between the joint rotations of the motion and of the reference, in world "
+            "coordinates.",
+            lambda m: m.errors and mean_over_joints(m.errors.global_rotation_error_deg), 1, False),
     Metric("local_rotation_error_deg", _ERROR, "Local rotation", "°",
-            "Mean angle to the reference's joint rotations, both relative to the parent joint.",
-            lambda m: m.errors and mean(m.errors.local_rotation_error_deg), 1, False),
+            "Mean angle between the joint rotations of the motion and of the reference, relative "
+            "to the parent joint.",
+            lambda m: m.errors and mean_over_joints(m.errors.local_rotation_error_deg), 1, False),
     Metric(_BEATS_KEY, _BEATS, "BeatAlign", "0 to 1",
             "How close speech onsets are to the nearest motion beats. Compare it with its chance "
             "level.",
             lambda m: m.beats and m.beats.beat_align, is_primary=True, partner_key=_CHANCE_KEY),
     Metric(_CHANCE_KEY, _BEATS, "BeatAlign, chance level", "0 to 1",
-            "BeatAlign of the same motion with time-shifted speech onsets.",
+            "Mean BeatAlign of the same motion over many time shifts of the speech onsets.",
             lambda m: m.beats and m.beats.beat_align_chance, 1, False, is_primary=True,
             partner_key=_BEATS_KEY),
     Metric("beats_per_joint_s", _BEATS, "Motion beats per joint", "1/s",
-            "Local minima of a joint's speed, per second. They are not beat gestures.",
+            "Number of local minima of a joint's speed per second, mean over joints. These motion "
+            "beats are not beat gestures.",
             lambda m: m.beats and m.beats.beats_per_joint_s),
     Metric("lag_s", _STEP, "Lag", "s",
             "Delay of the face behind the speech, or of the body if the face does not follow the "
@@ -162,7 +166,8 @@ METRICS = (
             "Change of the lag from the start to the end of the clip.",
             lambda m: m.lag and m.lag.lag_drift_s, 1, False),
     Metric("l1_diversity_m", _DIVERSITY, "L1 diversity", "m",
-            "L1 distance of the joint positions to the clip's mean, summed over coordinates.",
+            "L1 distance of the pelvis-aligned joint positions from the clip's mean pose, summed "
+            "over joints and coordinates, mean over frames.",
             lambda m: m.diversity.l1_diversity_m),
 )  # fmt: skip
 
@@ -174,10 +179,10 @@ FGD, FGD_EMAGE = "fgd", "fgd_emage"
 FGD_GENEA = {length: f"fgd_genea_{length}" for length in GENEA_LENGTHS}
 """Keys of those by GENEA's encoders, by the length of their pieces in frames."""
 TITLES = {row.key: row.full_title for row in METRICS} | {
-    FGD: "Distribution: FGD to the recorded set, this project's encoder",
-    FGD_EMAGE: "Distribution: FGD to the recorded set, EMAGE's encoder",
+    FGD: "Distribution: FGD to the recorded set (this project's encoder)",
+    FGD_EMAGE: "Distribution: FGD to the recorded set (EMAGE's encoder)",
     **{
-        key: f"Distribution: FGD to the recorded set, GENEA's encoder of {length} frames"
+        key: f"Distribution: FGD to the recorded set (GENEA's encoder for {length}-frame windows)"
         for length, key in FGD_GENEA.items()
     },
 }
@@ -226,12 +231,8 @@ Numbers = Mapping[FilterVersion, Mapping[str, float]]
 """Values of one motion by version (filter) and by key of the measure, as in ``run.json``."""
 
 
-def incomparable_parts(missing_parts: Mapping[str, Collection[str]]) -> dict[str, frozenset[str]]:
-    """Return by motion the parts that it lacks and another one has.
-
-    Args:
-        missing_parts: missing parts (`model.formats.reading.Part`) of each motion of a comparison.
-    """
+def parts_others_have(missing_parts: Mapping[str, Collection[str]]) -> dict[str, frozenset[str]]:
+    """Return by motion the parts (`model.formats.reading.Part`) that it lacks and another has."""
     parts = list(map(frozenset, missing_parts.values()))
     everywhere = frozenset.intersection(*parts) if parts else frozenset()
     return {name: frozenset(own) - everywhere for name, own in missing_parts.items()}
@@ -243,8 +244,7 @@ def metric_values(
     """Return values by the keys of `METRICS`, in their units, where measured and comparable.
 
     Args:
-        missing_parts: missing parts; a measure that needs one of them is left out.
-        incomparable: parts that this motion lacks and others have (`incomparable_parts`).
+        incomparable: parts that this motion lacks and others have (`parts_others_have`).
     """
     read = {
         each.key: (each.read_value(metrics), each.scale)
@@ -265,7 +265,7 @@ PARTNERS = {row.key: row.partner_key for row in METRICS if row.partner_key}
 T = TypeVar("T")
 
 
-def with_metric_keys(values_by_title: Mapping[str, T]) -> dict[str, T]:
+def convert_old_titles(values_by_title: Mapping[str, T]) -> dict[str, T]:
     """Return the values of an earlier format, which had titles as keys, by the keys of metrics."""
     return {KEYS_OF_OLD_TITLES.get(title, title): value for title, value in values_by_title.items()}
 
@@ -278,18 +278,20 @@ def drop_unpaired(values: Mapping[str, T]) -> dict[str, T]:
 def nearest_names(values: Mapping[str, float | None], target: float | None) -> tuple[str, ...]:
     """Return the names with values nearest to ``target``; empty without target or difference."""
     finite = {name: value for name, value in values.items() if value is not None}
-    if target is None or len({format_value(value) for value in finite.values()}) < 2:
+    if target is None or len({format_three_digits(value) for value in finite.values()}) < 2:
         return ()
     distances = {name: abs(value - target) for name, value in finite.items()}
     best = {name for name in distances if distances[name] == min(distances.values())}
-    shown = {format_value(finite[name]) for name in best}
+    shown = {format_three_digits(finite[name]) for name in best}
     near = tuple(
-        name for name, value in finite.items() if format_value(value) in shown or name in best
+        name
+        for name, value in finite.items()
+        if format_three_digits(value) in shown or name in best
     )
     return near if len(near) < len(finite) else ()
 
 
-def format_value(value: float | None) -> str:
+def format_three_digits(value: float | None) -> str:
     """Format a number with three significant digits, with an exponent only if necessary."""
     if value is None:
         return "n/a"
@@ -300,7 +302,7 @@ def format_value(value: float | None) -> str:
 
 
 def format_mean_with_interval(
-    mean: float, low: float, high: float, write: Callable[[float], str] = format_value
+    mean: float, low: float, high: float, write: Callable[[float], str] = format_three_digits
 ) -> str:
     """Format a mean with its interval, or the mean alone where the interval is a point."""
     return write(mean) if low == high else f"{write(mean)} [{write(low)}, {write(high)}]"
@@ -311,4 +313,4 @@ def format_difference(value: float | None) -> str:
     if value is None:
         return "n/a"
     sign = "+" if value > 0 else "\N{MINUS SIGN}" if value < 0 else ""
-    return sign + format_value(abs(value))
+    return sign + format_three_digits(abs(value))

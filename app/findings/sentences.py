@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 from app.findings.comparison import (
     Table,
     format_means,
-    format_number,
+    format_two_digits,
     point_title,
-    samples_by_system,
+    sample_names_by_system,
     values_by_metric,
 )
 from app.findings.metric_table import (
     JERK,
     POWER_ABOVE_5_HZ,
     SEAMS,
-    incomparable_parts,
     metric_values,
+    parts_others_have,
 )
 from conventions.names import (
     FILTER_VERSIONS,
@@ -48,12 +48,12 @@ def figure_sentences(diagnostics: Diagnostics) -> dict[str, str]:
     of_all = diagnostics.all_motions
     apart = {
         labels.get(name, name): of
-        for name, of in incomparable_parts(diagnostics.missing_parts).items()
+        for name, of in parts_others_have(diagnostics.missing_parts).items()
     }
 
     def table(kind: FilterVersion) -> Table:
         numbers = {
-            name: metric_values(each.of(kind), incomparable=apart.get(name, ()))
+            name: metric_values(each.version(kind), incomparable=apart.get(name, ()))
             for name, each in of_all.items()
         }
         return values_by_metric([numbers])
@@ -61,7 +61,7 @@ def figure_sentences(diagnostics: Diagnostics) -> dict[str, str]:
     tables: dict[FilterVersion, Table] = {kind: table(kind) for kind in FILTER_VERSIONS}
     unlike = {name for name, parts in apart.items() if parts & {"detail", "place"}}
     comparable = {name: each for name, each in of_all.items() if name not in unlike}
-    point, is_cut = point_title(diagnostics.point), diagnostics.windows is not None
+    point, is_cut = point_title(diagnostics.tracked_point), diagnostics.windows is not None
     return {
         "trajectory": _raw_and_filtered(tables, JERK, f"{point} jerk in m/s³"),
         "depth": _depth(comparable),
@@ -86,21 +86,21 @@ def _raw_and_filtered(tables: Mapping[FilterVersion, Table], key: str, noun: str
 def _depth(of_all: Mapping[str, RawAndFiltered]) -> str:
     """Describe how jerk grows along the kinematic chain."""
     sentences = []
-    for system, samples in samples_by_system(of_all).items():
+    for system, samples in sample_names_by_system(of_all).items():
         positions = [of_all[name].raw.positions for name in samples.values()]
         root, tips = (
             sum(e.jerk_by_depth_m_s3[end] for e in positions) / len(positions) for end in (0, -1)
         )
         if isfinite(root + tips):
-            sentences.append(f"{system} {format_number(root)} to {format_number(tips)}")
-    ends = "from the pelvis to the last finger joints"
-    return f"Jerk of the joints in m/s³, {ends}: {', '.join(sentences)}." if sentences else ""
+            sentences.append(f"{system} {format_two_digits(root)} and {format_two_digits(tips)}")
+    start = "Mean joint jerk in m/s³, at the pelvis and at the outermost finger joints"
+    return f"{start}: {', '.join(sentences)}." if sentences else ""
 
 
 def _attribution(diagnostics: Diagnostics) -> str:
     """Name the joint of each system that reduces the point's jerk most when it is smoothed."""
     sentences, without = [], []
-    for system, samples in samples_by_system(diagnostics.systems).items():
+    for system, samples in sample_names_by_system(diagnostics.systems).items():
         shares: dict[str, list[float]] = {}
         for name in samples.values():
             attribution = diagnostics.systems[name].raw.point.tip_jerk_attribution
@@ -110,22 +110,24 @@ def _attribution(diagnostics: Diagnostics) -> str:
         means = {joint: sum(each) / len(each) for joint, each in shares.items()}
         joint = max(means, key=lambda name: means[name], default="")
         if joint and means[joint] >= SMALL_SHARE:
-            share = format_number(100 * means[joint])
-            sentences.append(f"in {system} the {point_title(joint).lower()} (by {share} %)")
+            share = format_two_digits(100 * means[joint])
+            sentences.append(f"{point_title(joint).lower()} in {system} (by {share} %)")
         elif joint:
             without.append(system)
-    point = point_title(diagnostics.point).lower()
+    point = point_title(diagnostics.tracked_point).lower()
     least = f"{100 * SMALL_SHARE:.0f} %"
     if not sentences and not without:
         return ""
     if not sentences:
-        effect = f"reduces the jerk of the {point} by less than {least}"
-        return f"Filtering any one joint {effect} in {join_names(without)}."
+        return (
+            f"In {join_names(without)}, smoothing a single joint never reduces the jerk of the "
+            f"{point} by {least} or more."
+        )
     few = ""
     if without:
-        few = f"; in {join_names(without)}, filtering any one joint reduces it by less than {least}"
-    joints = join_names(sentences)
-    return f"Filtering one joint reduces the jerk of the {point} most for: {joints}{few}."
+        few = f"; in {join_names(without)}, no single joint reduces it by {least} or more"
+    start = f"Joint whose smoothing reduces the jerk of the {point} most"
+    return f"{start}: {join_names(sentences)}{few}."
 
 
 def _seams(diagnostics: Diagnostics, raw: Table) -> str:
@@ -137,8 +139,8 @@ def _seams(diagnostics: Diagnostics, raw: Table) -> str:
     motions = f"in {join_names(names)}" if names else "in no motion"
     return (
         f"Peak jerk at window seams (every {diagnostics.windows.advance} frames) divided by the "
-        f"peak jerk elsewhere: {format_means(values)}. Jerk that repeats significantly at every "
-        f"seam: {motions}."
+        f"peak jerk elsewhere: {format_means(values)}. Jerk that repeats at the seams is "
+        f"significant {motions}."
     )
 
 
@@ -155,12 +157,12 @@ def _periods(diagnostics: Diagnostics) -> str:
     """Describe detected jerk periods, for motions with unknown windows."""
     names = _with_finding(diagnostics, "period")
     periods = [
-        f"in {name} every {period.frames} frames, most in the {period.part}"
+        f"every {period.frames} frames in {name}, strongest in the {period.part}"
         for name in names
         if (period := diagnostics.systems[name].raw.seams.period) is not None
     ]
     if periods:
-        return f"The jerk is periodic, which is a sign of window seams: {'; '.join(periods)}."
+        return f"Periodic jerk, a sign of window seams: {'; '.join(periods)}."
     if any("detail" in lacks for lacks in diagnostics.missing_parts.values()):
         return ""
     return "The jerk has no period between 2 and 240 frames, so there is no sign of window seams."
@@ -175,7 +177,7 @@ def _beats(diagnostics: Diagnostics) -> str:
         if of is not None and isfinite(of.beat_align - of.beat_align_chance)
     }
     scores = [
-        f"{name} {score:.2f} (chance {chance:.2f} on average, {highest:.2f} at most)"
+        f"{name} {score:.2f} (time-shifted onsets: mean {chance:.2f}, maximum {highest:.2f})"
         for name, (score, chance, highest) in beats.items()
         if round(score, 2) > round(highest, 2)
     ]

@@ -12,7 +12,7 @@ from app.findings.comparison import (
     Samples,
     Table,
     format_means,
-    format_number,
+    format_two_digits,
     mean,
     point_title,
     ratio_of_means,
@@ -46,15 +46,14 @@ AS_FAST = 0.95
 class Verdict:
     """Sentences above the videos."""
 
-    numbers: str
+    jerk_sentence: str
     """Jerk of the tracked point in every system and in the reference."""
     comparison: str
-    """Differences between systems and the evidence that a claim would need; empty without
-    comparison."""
+    """Differences between systems and the evidence that a claim needs; empty without comparison."""
 
     @property
     def text(self) -> str:
-        return f"{self.numbers} {self.comparison}".strip()
+        return f"{self.jerk_sentence} {self.comparison}".strip()
 
 
 def make_verdict(
@@ -82,10 +81,10 @@ def make_verdict(
     of_some = (
         f" (of {pluralise(recorded, 'clip')})" if 0 < recorded < count and len(clips) > 1 else ""
     )
-    numbers = f"{point_title(point)} jerk in m/s³{over}: {format_means(jerk)}{of_some}."
+    jerk_sentence = f"{point_title(point)} jerk in m/s³{over}: {format_means(jerk)}{of_some}."
     others = [*_lower_jerk_sentences(table, names), *_without_jerk(clips, jerk)]
     if len(names) < 2:
-        return Verdict(numbers, " ".join(others))
+        return Verdict(jerk_sentence, " ".join(others))
     here = "On this clip" if len(clips) == 1 else f"Over {count} clips"
     claims = [family.claim for family in families() if family.claim is not None]
     sentences = [
@@ -97,7 +96,7 @@ def make_verdict(
         least, most = names[order[0]], names[order[-1]]
         sentences = [f"Jerk of {least} (lowest) compared with {most} (highest): {_change(ratio)}."]
     worth = _evidence_note(count, len(clips), is_generated)
-    return Verdict(numbers, " ".join([*sentences, *others, worth]))
+    return Verdict(jerk_sentence, " ".join([*sentences, *others, worth]))
 
 
 def _of_the_same(table: Table, has_clips: bool) -> Table:
@@ -133,7 +132,9 @@ def _ablation_sentences(
 ) -> list[str]:
     """Compare the systems of a claim: gain and cost of its first step, then of each addition."""
     jerk = table[JERK]
-    rungs = [name for name in (claim.base_system, *claim.less_jerk_systems) if name in jerk]
+    rungs = [
+        name for name in (claim.first_less_jerk_system, *claim.less_jerk_systems) if name in jerk
+    ]
     if not rungs:
         return []
     base, sentences = rungs[0], []
@@ -144,7 +145,11 @@ def _ablation_sentences(
             if _is_calmer(ratio)
             else ("unlike the paper's claim", "does not clearly have")
         )
-        which = "" if base == claim.base_system else f", which also has {claim.less_jerk_property},"
+        which = (
+            ""
+            if base == claim.first_less_jerk_system
+            else f", which also has {claim.less_jerk_property},"
+        )
         sentences.append(
             f"{here}, {as_claimed}, the system with {claim.less_jerk_property} {has} less jerk "
             f"than the one with {claim.more_jerk_property}. Jerk of {names[base]}{which} "
@@ -160,11 +165,12 @@ def _ablation_sentences(
         return sentences
     changes = ", ".join(f"{names[name]} {_change(ratio)}" for name, ratio in added.items())
     calmer = [names[name] for name, ratio in added.items() if _is_calmer(ratio)]
-    which = (
-        f"{join_names(calmer)} {'has' if len(calmer) == 1 else 'have'}" if calmer else "none has"
-    )
-    start = f"Jerk compared with {names[base]} when {claim.additions_name} are added one by one"
-    return [*sentences, f"{start}: {changes}. Of these, {which} clearly less jerk."]
+    which = join_names(calmer) if calmer else "none"
+    return [
+        *sentences,
+        f"Adding {claim.additions_name} one by one changes the jerk as follows (each compared with "
+        f"{names[base]}): {changes}. Clearly less jerk: {which}.",
+    ]
 
 
 def _worse(table: Table, system: str, other: str) -> list[str]:
@@ -176,7 +182,7 @@ def _worse(table: Table, system: str, other: str) -> list[str]:
             continue
         ratio = ratio_of_means(values[system], values[other])
         if ratio is not None and ratio.low is not None and ratio.low > 1.0 and not ratio.is_similar:
-            more, less = (format_number(mean(values[name])) for name in (system, other))
+            more, less = (format_two_digits(mean(values[name])) for name in (system, other))
             if more != less:
                 numbers = f"{more} against {less} {row.unit}".replace(" °", "°")
                 worse.append(f"{row.title.lower()} ({numbers})")
@@ -194,7 +200,7 @@ def _lower_jerk_sentences(table: Table, names: Mapping[str, str]) -> list[str]:
     for name, label in names.items():
         jerk, speed = share(name, JERK), share(name, SPEED)
         # By the numbers as they are printed.
-        if jerk is None or jerk.includes_one or round(jerk.value, 2) >= LOW_JERK_RATIO:
+        if jerk is None or jerk.interval_includes_one or round(jerk.value, 2) >= LOW_JERK_RATIO:
             continue
         if speed is None:
             sentences.append(f"{label} ({_as_percent(jerk)} of its jerk)")
@@ -215,7 +221,7 @@ def _change(ratio: Ratio | None) -> str:
     """Format a ratio as a percentage of change, with the interval of several samples."""
     if ratio is None:
         return "not comparable"
-    if ratio.includes_one:
+    if ratio.interval_includes_one:
         return "no clear difference"
     if ratio.is_similar:
         return "equal within 5 %"
@@ -228,13 +234,15 @@ def _change(ratio: Ratio | None) -> str:
 
 def _percent(ratio: float) -> str:
     """Format a difference with two digits, so that 5.2 is not taken for what is alike."""
-    percent = format_number(100.0 * abs(ratio - 1.0))
+    percent = format_two_digits(100.0 * abs(ratio - 1.0))
     return "over 99" if ratio < 1.0 and percent == "100" else percent
 
 
 def _is_calmer(ratio: Ratio | None) -> bool:
     """Check whether a system is calmer by over 5 % and, with several samples, significantly."""
-    return ratio is not None and ratio.value <= 1.0 / SIMILAR_RATIO and not ratio.includes_one
+    return (
+        ratio is not None and ratio.value <= 1.0 / SIMILAR_RATIO and not ratio.interval_includes_one
+    )
 
 
 def _evidence_note(count: int, clips: int, is_generated: bool) -> str:

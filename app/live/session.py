@@ -21,14 +21,14 @@ from app.run.requests.parts import GenerationSpeech, LiveRecording, OutputOption
 from app.run.requests.requests import GenerateRequest
 from conventions.rates import FPS, SAMPLE_RATE
 from model.generation.base import System
-from model.generation.live import LiveMotion, Pace
+from model.generation.live import LiveGenerator, Pace
 from model.generation.windows import GenerateOptions
 from model.motion.motion import Motion, concatenate, save_motion
 from model.plan.files import write_plan_file
-from model.plan.plan import SIDES, GesturePlan, PlanError, Point, StreamedPlan
+from model.plan.plan import SIDES, GesturePlan, PlanError, PointEvent, StreamedPlan
 from model.plan.style import LiveStyle
 from model.speech.audio import write_wav
-from model.speech.features import CausalMel
+from model.speech.features import StreamingMelEncoder
 
 SHORTEST_S = 0.5 / FPS
 """Shortest remainder (s) of an event that is cut."""
@@ -61,7 +61,7 @@ def merge_plans(
 
 
 def _shifted(event: Any, by_s: float) -> Any:
-    if isinstance(event, Point):
+    if isinstance(event, PointEvent):
         return replace(event, time_s=event.time_s + by_s)
     return replace(event, start_s=event.start_s + by_s, end_s=event.end_s + by_s)
 
@@ -70,7 +70,7 @@ def _cut(events: list[Any], start_s: float, end_s: float) -> list[Any]:
     """Return events cut to the time between two seconds."""
     pieces = []
     for one in events:
-        if isinstance(one, Point):
+        if isinstance(one, PointEvent):
             if start_s <= one.time_s < end_s:
                 pieces.append(one)
             continue
@@ -131,11 +131,7 @@ class RecordingBuffer:
         return max(0, self.frames - MAX_RECORDED_FRAMES)
 
     def recording(self) -> SessionRecording:
-        """Return the last minute, or all of a shorter session.
-
-        Raises:
-            RunError: if there is too little.
-        """
+        """Return the last minute, or all of a shorter session; raises RunError if too little."""
         if self.frames < SHORTEST_FRAMES:
             raise RunError(NOTHING_YET.format(seconds=SHORTEST_FRAMES // FPS))
         first, count = self._first_frame, min(self.frames, MAX_RECORDED_FRAMES)
@@ -158,8 +154,7 @@ def _sample_of(frame: int) -> int:
 MAX_DELAY_S = 8.0
 """Delay (s) of motion behind speech after which the machine is too slow."""
 MAX_WINDOW_MS = 400.0
-"""Most CPU time (ms) of a window: with more, a body alone on the machine lags by more than 1.5 s.
-"""
+"""Most CPU time (ms) of a window: with more, a body alone on a machine lags by more than 1.5 s."""
 TRIAL_WINDOWS = 3
 PLANNING_STEPS = 4
 """Sampling steps of systems that also plan: with six, half of them could not keep up."""
@@ -174,11 +169,11 @@ BEHIND = (
     "generate the motion in time."
 )
 TOO_SLOW = (
-    "This machine is too slow for {visitors}: the motion is {behind:.0f} s late. Try again later, "
+    "This server is too slow for {visitors}: the motion is {behind:.0f} s late. Try again later, "
     "or choose a system with fewer sampling steps."
 )
 SLOW_SYSTEM = (
-    "{system} needs {ms:.1f} ms per frame on this machine; live motion allows at most {limit:.1f} "
+    "{system} needs {ms:.1f} ms per frame on this server; live motion allows at most {limit:.1f} "
     "ms. Choose a system with fewer sampling steps, such as gan/5."
 )
 
@@ -206,12 +201,12 @@ class LiveSession:
         self.minute = RecordingBuffer()
         self._tell, self._clock = tell, clock
         self._frames_of_window = system.windowing.frames
-        self._features = CausalMel()
+        self._features = StreamingMelEncoder()
         self.plans = system.condition_type is GesturePlan
         """True if the system performs plans, so that the style sliders have an effect."""
         steps = PLANNING_STEPS if self.plans else None
         options = GenerateOptions(sampling.speaker or "", seed=sampling.seed, steps=steps)
-        self._live = LiveMotion(system, options, self.pace)
+        self._live = LiveGenerator(system, options, self.pace)
         self._manner: LiveStyle | None = None
         """Slider values to apply at the next window; None if they have not been moved."""
         self._inbox: list[np.ndarray] = []
@@ -222,15 +217,11 @@ class LiveSession:
         self.cookie = self.address = ""
         """Visitor's cookie and address; empty if there is none or it is not known."""
         self.token = secrets.token_urlsafe(32)
-        self.ended = 0.0
+        self.ended_at = 0.0
 
     def ready_message(self) -> dict[str, Any]:
         """Return the settings that a browser needs before it sends sound."""
-        return {
-            "hop": self.pace.hop,
-            "ahead": self.pace.look_ahead,
-            "plans": self.plans,
-        }
+        return {"hop": self.pace.min_hop, "ahead": self.pace.look_ahead, "plans": self.plans}
 
     def add_audio(self, samples: Float32[np.ndarray, " N"]) -> None:
         """Append the next samples to the input."""
@@ -239,14 +230,7 @@ class LiveSession:
         self.minute.add_sound(samples)
 
     def set_style(self, message: Any) -> None:
-        """Set the style sliders from the next window on.
-
-        Args:
-            message: message of the browser.
-
-        Raises:
-            RunError: if the message is invalid, or the system performs no plans.
-        """
+        """Set the sliders from the next window on; raises RunError if invalid or without plans."""
         if not self.plans:
             raise RunError(
                 f"{self.name} does not use gesture plans, so the style sliders have no effect on "
@@ -255,15 +239,12 @@ class LiveSession:
         self._manner = parse_live_style(message)
 
     @property
-    def is_due(self) -> bool:
-        """True if there is new sound, or enough of it for a window."""
+    def has_work(self) -> bool:
+        """True if there is new sound, or enough of it for a window: input for `process_input`."""
         return bool(self._inbox) or self._live.is_due
 
-    def generate_due_window(self, num_sessions: int = 1) -> None:
+    def process_input(self, num_sessions: int = 1) -> None:
         """Compute features of new sound, and generate one window if it is due.
-
-        Args:
-            num_sessions: number of open sessions on the machine.
 
         Raises:
             RunError: if the system or the machine is too slow.
@@ -278,7 +259,7 @@ class LiveSession:
                 self._due_since = self._clock()
         if not self._live.is_due:
             return
-        behind_s = self._live.num_ready / FPS
+        behind_s = self._live.num_waiting_frames / FPS
         if behind_s > MAX_DELAY_S:
             who = "one visitor" if num_sessions == 1 else f"{num_sessions} visitors at once"
             raise RunError(TOO_SLOW.format(visitors=who, behind=behind_s))
@@ -308,11 +289,7 @@ class LiveSession:
         return statistics.median(self._costs) if self._costs else float("nan")
 
     def save_recording(self, folder: Path) -> GenerateRequest:
-        """Write the last minute to a folder, and return the request for a run of it.
-
-        Raises:
-            RunError: if there is too little.
-        """
+        """Write the last minute to a folder; return its request; raises RunError if too little."""
         minute = self.minute.recording()
         wav, npz, plan = (folder / f"live.{ending}" for ending in ("wav", "npz", "plan.json"))
         write_wav(wav, minute.waveform)
@@ -321,13 +298,13 @@ class LiveSession:
             write_plan_file(minute.plan, plan)
         facts = {
             "first_frame_of_session": minute.first_frame,
-            "least_new_frames_a_window": self.pace.hop,
+            "least_new_frames_a_window": self.pace.min_hop,
             "frames_heard_ahead": self.pace.look_ahead,
             "speech_level": "running",
             "windows_of_session": self.windows,
             "window_cpu_ms": round(self.median_window_cpu_ms, 1),
         }
-        why = recording_note(minute, self._samples / SAMPLE_RATE)
+        why = missing_speech_note(minute, self._samples / SAMPLE_RATE)
         take = LiveRecording(npz, facts, why, plan if minute.plan else None)
         return GenerateRequest(
             speech=GenerationSpeech(path=wav),
@@ -345,12 +322,8 @@ class LiveSession:
             raise RunError(SLOW_SYSTEM.format(system=self.name, ms=frame_ms, limit=limit))
 
 
-def recording_note(recording: SessionRecording, spoken_s: float) -> str:
-    """Explain in a sentence or two why less is saved than was spoken; empty if nothing is missing.
-
-    Args:
-        spoken_s: duration of the session's speech.
-    """
+def missing_speech_note(recording: SessionRecording, spoken_s: float) -> str:
+    """Explain why less is saved than the ``spoken_s`` of speech; empty if nothing is missing."""
     saved_s = recording.motion.num_frames / FPS
     made_s = recording.first_frame / FPS + saved_s
     reasons = []
@@ -362,11 +335,7 @@ def recording_note(recording: SessionRecording, spoken_s: float) -> str:
 
 
 def check_supports_live(system: System) -> None:
-    """Check that a system can be used live: its encoder must not need the whole speech in advance.
-
-    Raises:
-        RunError: with one sentence.
-    """
+    """Check that the encoder does not need the whole speech in advance; raises RunError."""
     if system.encoder.name != "mel64":
         raise RunError(
             f"{system.name} uses the speech encoder {system.encoder.name}, which needs the whole "
@@ -375,13 +344,11 @@ def check_supports_live(system: System) -> None:
 
 
 def warm_up(system: System, speaker: str) -> None:
-    """Generate a first window from silence.
-
-    Raises:
-        UnknownNameError: if the system does not know the speaker.
-    """
-    live = LiveMotion(system, GenerateOptions(speaker))
-    live.add_features(torch.from_numpy(CausalMel().add_samples(np.zeros(SAMPLE_RATE, np.float32))))
+    """Generate a first window from silence; raises UnknownNameError for an unknown speaker."""
+    live = LiveGenerator(system, GenerateOptions(speaker))
+    live.add_features(
+        torch.from_numpy(StreamingMelEncoder().add_samples(np.zeros(SAMPLE_RATE, np.float32)))
+    )
     live.step()
 
 
@@ -411,11 +378,7 @@ def planned_events_json(streamed: StreamedPlan, first_frame: int) -> dict[str, A
 
 
 def parse_live_style(message: Any) -> LiveStyle:
-    """Parse the style sliders of a browser's message.
-
-    Raises:
-        RunError: if the message has no valid sliders.
-    """
+    """Parse the style sliders of a browser's message; raises RunError if they are invalid."""
     sliders = message.get("manner") if isinstance(message, dict) else None
     try:
         return LiveStyle.parse(sliders)

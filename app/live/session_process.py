@@ -31,22 +31,18 @@ KEEP_S = 600.0
 """Time (s) for which the last minute of an ended session stays available."""
 SEED_LIMIT = 2**31 - 1
 MACHINE_FULL = (
-    "{limit} live sessions are already running on this machine, and more would delay all of them. "
+    "{limit} live sessions are already running on this server, and more would delay all of them. "
     "Try again in a few minutes."
 )
 FULL_EACH = (
-    "{limit} live sessions are already running from your network address, which is the limit. Try "
-    "again when one has ended."
+    "Your network address already has {limit} live sessions, the most that are allowed. Try again "
+    "when one has ended."
 )
 TAKEN_OVER = "The live session continues in another tab of this browser."
 
 
 def parse_live_options(message: Any) -> SamplingOptions:
-    """Parse the sampling options of a browser's first message.
-
-    Raises:
-        RunError: if the system, speaker or seed is missing or invalid.
-    """
+    """Parse the sampling options of a browser's first message; raises RunError if invalid."""
     if not isinstance(message, dict):
         raise RunError("The page sent an invalid request for a live session. Please reload it.")
     system, speaker, seed = (message.get(key) for key in ("system", "speaker", "seed"))
@@ -76,7 +72,7 @@ class SessionScheduler:
 
     def handle_message(self, number: int, verb: str, content: Any) -> None:
         """Handle a message of the page: ``open``, ``sound``, ``lead``, ``close`` or ``keep``."""
-        while self.ended and time.monotonic() - self.ended[0].ended > KEEP_S:
+        while self.ended and time.monotonic() - self.ended[0].ended_at > KEEP_S:
             self.ended.popleft()
         session = self.open.get(number)
         try:
@@ -121,12 +117,12 @@ class SessionScheduler:
 
     def generate_next_window(self) -> bool:
         """Generate one window for the longest waiting session; return whether one had work."""
-        number = next((each for each, of in self.open.items() if of.is_due), None)
+        number = next((each for each, of in self.open.items() if of.has_work), None)
         if number is None:
             return False
         session = self.open[number] = self.open.pop(number)
         try:
-            session.generate_due_window(len(self.open))
+            session.process_input(len(self.open))
         except Exception as error:
             self._end(number, visitor_message(error))
         return True
@@ -147,7 +143,7 @@ class SessionScheduler:
     def _leave(self, number: int) -> None:
         if number in self.open:
             session = self.open.pop(number)
-            session.ended = time.monotonic()
+            session.ended_at = time.monotonic()
             self.ended.append(session)
 
     def _end(self, number: int, sentence: str) -> None:

@@ -27,11 +27,7 @@ MAX_SOUND_BYTES = 32_000
 
 
 def decode_audio(content: bytes) -> np.ndarray:
-    """Parse 16-bit samples as floats between -1 and 1.
-
-    Raises:
-        RunError: if the bytes are not such samples, or more than a second of sound.
-    """
+    """Parse at most a second of 16-bit samples as floats from -1 to 1; raises RunError."""
     if not content or len(content) % 2:
         raise RunError("The received audio is damaged. Start again.")
     if len(content) > MAX_SOUND_BYTES:
@@ -54,8 +50,8 @@ SILENCE_LEVEL = 0.001
 
 TOO_LONG = "A live session lasts at most {minutes:g} minutes; start another one."
 TOO_FAST = (
-    "{ahead:.0f} s more of audio arrived than time has passed; at most {limit:g} s are allowed. "
-    "Use a live microphone, then start again."
+    "The audio is {ahead:.0f} s ahead of real time; at most {limit:g} s are allowed. Use a live "
+    "microphone, then start again."
 )
 TOO_LITTLE = (
     "Only {came:.1f} s of audio arrived in the last {seconds:.0f} s; live generation needs audio "
@@ -77,11 +73,7 @@ class AudioGuard:
         self._watched_samples = 0
 
     def check(self, content: bytes) -> None:
-        """Check the next block of sound.
-
-        Raises:
-            RunError: if it is invalid, too long, too fast or silent, or if too little came lately.
-        """
+        """Check form, amount, pace and loudness of a block of sound; raises RunError."""
         samples, now = decode_audio(content), self._clock()
         if not self._samples:  # loading the models may have taken long
             self._watched_since = now
@@ -131,7 +123,6 @@ class LiveSessions:
         """Open a session for one browser, and return its number.
 
         Args:
-            message: first message of the browser.
             on_message: callback that takes the session's settings first, then frames as bytes,
                 other messages as an object, and as text the sentence with which the session ends.
         """
@@ -140,11 +131,7 @@ class LiveSessions:
         return number
 
     def add_audio(self, number: int, content: bytes) -> None:
-        """Check sound and pass it on, so that nobody can send more than the process can handle.
-
-        Raises:
-            RunError: see `AudioGuard.check`.
-        """
+        """Check sound as `AudioGuard`, which limits what the process handles, and pass it on."""
         self._microphones[number].check(content)
         self._send(number, "sound", content)
 
@@ -177,10 +164,10 @@ class LiveSessions:
             return answer
         raise RunError(str(answer))
 
-    def end(self) -> None:
+    def end_process(self) -> None:
         """End the process; open sessions get a message."""
         if self._child is not None:
-            self._child.end()
+            self._child.kill()
 
     def _ask(self, on_message: MessageCallback, verb: str, content: object) -> int:
         with self._lock:
@@ -208,6 +195,6 @@ class LiveSessions:
         with self._lock:
             self._child = None
             callbacks, self._callbacks = self._callbacks, {}
-        child.end()
+        child.kill()
         for tell in callbacks.values():
             tell(why)

@@ -83,9 +83,7 @@ def _without_stubs() -> Iterator[None]:
         inspect.getfile = file_of
 
 
-def patch_gradio_routes(
-    root: Path, min_free_bytes: int, quota: Quota, proxies: Collection[str]
-) -> None:
+def patch_gradio(root: Path, min_free_bytes: int, quota: Quota, proxies: Collection[str]) -> None:
     """Make the changes that all pages of this process share, before one is launched."""
 
     def parse() -> None:
@@ -94,12 +92,14 @@ def patch_gradio_routes(
     def limit() -> None:
         _limit_connections(proxies)
 
-    _attempt(limit, "an address may open any number of connections, and stalled ones stay open")
+    _attempt(limit, "an IP address can open any number of connections, and stalled ones stay open")
     _attempt(
         parse, "the only limit on uploads is 250 MB per file, and interrupted ones are not deleted"
     )
-    _attempt(_make_no_empty_files, "each file in an API call leaves an empty file for an hour")
-    _attempt(_find_functions, "API calls of unknown functions end in a server error")
+    _attempt(
+        _make_no_empty_files, "each file in an API call leaves an empty temporary file for an hour"
+    )
+    _attempt(_find_functions, "API calls to unknown functions end in a server error")
     _attempt(_explain_wrong_calls, "invalid API calls are answered with Python errors")
 
 

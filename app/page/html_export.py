@@ -24,15 +24,15 @@ from app.page.theme import PLAYER_CSS, make_theme
 from app.run.frame_packets import MAX_FRAMES
 from app.run.output.provenance import PROVENANCE, WEIGHTS_ARE_KEY
 from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RowFileKind, existing_file, find_runs
-from model.storage.json_validation import FieldError, read_json
+from model.storage.json_validation import InvalidJsonError, read_json
 
 WEB = Path(__file__).resolve().parent / "web"
 ENTRY_MODULE = "player/player.js"
 """Module that the file starts."""
 _PLAYED: tuple[RowFileKind, ...] = ("frames", "plan", "input_plan")
 NOTHING_TO_PLAY = (
-    "The page would show nothing: no motion of this run has at most {frames} frames, the limit of "
-    "a page. Generate or measure a shorter part."
+    "The HTML file would show nothing: it can contain motions of at most {frames} frames, and all "
+    "motions of this run are longer. Generate or measure a shorter part."
 )
 _IMPORTED = re.compile(r'(?<=from ")(\.{1,2}/[^"]+)(?=")')
 """Pattern of relative imports in the modules; a test checks that there are no others."""
@@ -77,20 +77,16 @@ document.querySelector("header select")?.addEventListener("change", ({{ target }
 
 
 def standalone_html(folder: Path) -> str:
-    """Make the HTML of a run's folder, or of one with the runs of several clips.
-
-    Raises:
-        RunError: if the folder holds no run, or no motion that a browser plays.
-    """
+    """Make the HTML of a folder of one or several runs; raises RunError if none can be played."""
     files: dict[str, bytes] = {}
 
-    def address(path: Path) -> str:
+    def to_url(path: Path) -> str:
         name = path.relative_to(folder).as_posix()
         files[name] = path.read_bytes()
         return name
 
     runs = find_runs(folder) or {"": folder}
-    run_views = {clip: RunView(run, address, name=f"alone{clip}") for clip, run in runs.items()}
+    run_views = {clip: RunView(run, to_url, name=f"alone{clip}") for clip, run in runs.items()}
     records = {clip: run_view.record for clip, run_view in run_views.items()}
     over_clips = clips_html(records)
     for record in records.values():
@@ -112,7 +108,7 @@ def standalone_html(folder: Path) -> str:
         head += f"{over_clips}<label>{text.CLIP} <select>{options}</select></label>"
     elif first.verdict is not None:
         verdict, bars = first.verdict, jerk_bars(first)
-        head += markup.verdict(verdict.numbers, verdict.comparison, bars)
+        head += markup.verdict(verdict.jerk_sentence, verdict.comparison, bars)
         head += (
             f"<p>{escape(markup.split_first_sentence(verdict.comparison)[1])}</p>" if bars else ""
         )
@@ -143,7 +139,7 @@ def _object_in(path: Path) -> dict[str, Any]:
     """Read a JSON object from a file; raises RunError if it holds none."""
     try:
         return read_json(path, dict[str, Any], MAX_RUN_BYTES)
-    except FieldError as error:
+    except InvalidJsonError as error:
         raise RunError(DAMAGED.format(name=path.name, why=error)) from None
 
 
@@ -179,7 +175,7 @@ def _in_html(content: object) -> str:
     return json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def write_html_page(request: tuple[Path, Path], *_: object) -> None:
+def write_standalone_html(request: tuple[Path, Path], *_: object) -> None:
     """Write the player of a run's folder into an HTML file, as a task."""
     folder, out = request
     out.write_text(standalone_html(folder), encoding="utf-8")

@@ -28,14 +28,14 @@ from app.config import (
     use_matplotlib_file_backend,
 )
 from app.errors import RunError, message_for_user
-from app.flags import family_files, parse_command, set_family_files
+from app.flags import family_files_annotation, parse_command, set_family_files
 from app.page.gradio_changes import (
     answer_wrong_call,
     import_gradio,
-    patch_gradio_routes,
+    patch_gradio,
     replace_gradio_queue,
 )
-from model.systems.registry import families, unavailable_families
+from model.systems.registry import families, unavailable_family_messages
 
 if TYPE_CHECKING:
     from gradio import Blocks
@@ -61,8 +61,8 @@ END_WITHIN_S = 15.0
 """Time (s) from a signal to the forced exit; leftover files are then removed at the next start."""
 
 
-def config_from_flags(
-    flags: Annotated[AppConfig, arg(name="")], files: Annotated[Any, family_files()]
+def apply_family_files(
+    flags: Annotated[AppConfig, arg(name="")], files: Annotated[Any, family_files_annotation()]
 ) -> AppConfig:
     set_family_files(vars(files))
     return flags
@@ -70,15 +70,12 @@ def config_from_flags(
 
 def parse_config(argv: list[str] | None = None) -> AppConfig:
     """Parse flags and environment into a checked configuration; raises RunError."""
-    config_from_flags.__doc__ = text.TAGLINE
-    return parse_command(config_from_flags, "app.py", sys.argv[1:] if argv is None else argv)()
+    apply_family_files.__doc__ = text.TAGLINE
+    return parse_command(apply_family_files, "app.py", sys.argv[1:] if argv is None else argv)()
 
 
 def launch(config: AppConfig, preloads_models: bool = True) -> Blocks:
     """Serve the page from threads of this process, at ``local_url`` of the result.
-
-    Args:
-        preloads_models: whether models are loaded in the background rather than at the first run.
 
     Raises:
         RunError, CheckpointError: if the weights cannot be used.
@@ -102,9 +99,9 @@ def launch(config: AppConfig, preloads_models: bool = True) -> Blocks:
 
 def _set_environment(config: AppConfig) -> None:
     """Make the folder of temporary files, and set what libraries read from the environment."""
-    config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if config.proxies:  # uvicorn reads it
-        os.environ["FORWARDED_ALLOW_IPS"] = ",".join((*LOCAL_PROXIES, *config.proxies))
+    config.temp_folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if config.trusted_proxies:  # uvicorn reads it
+        os.environ["FORWARDED_ALLOW_IPS"] = ",".join((*LOCAL_PROXIES, *config.trusted_proxies))
     use_matplotlib_file_backend()
     disable_http_proxies()
     # Gradio reads them when it is imported or launched.
@@ -120,41 +117,43 @@ def _make_services(config: AppConfig, preloads_models: bool) -> Services:
     from app.live.sessions import LiveSessions
     from app.page.parts.catalogue import read_catalogue
     from app.page.results.run_view import example_player_value
-    from app.page.results.saved_runs import SavedRuns, add_owner_run
-    from app.page.routes.guard import silence_socket_errors
+    from app.page.results.saved_runs import SavedRuns, add_host_run
+    from app.page.routes.guard import silence_invalid_websocket_text
     from app.page.routes.media import SharedFolders
     from app.page.tabs.runner import Services
     from app.page.visitors.characters import Characters
     from app.page.visitors.job_folders import Jobs, start_sweeper
     from app.page.visitors.quota import Quota
-    from app.page.worker import Limits, Worker
+    from app.page.worker import TaskLimits, Worker
 
-    for sentence in unavailable_families():
+    for sentence in unavailable_family_messages():
         log.warning("%s", sentence)
     for family in families():
         if (reason := family.single_speech_reason()) is not None:
             raise RunError(f"The page cannot start: it must accept any speech, but {reason}")
     catalogue = read_catalogue(config.weights, tuple(sorted(EXAMPLES.glob("*.wav"))))
-    proxies = (*LOCAL_PROXIES, *config.proxies)
-    quota = Quota(config.max_stored_bytes, config.result_lifetime_s, proxies)
-    patch_gradio_routes(config.temp, config.min_free_bytes, quota, proxies)
-    silence_socket_errors()
+    proxies = (*LOCAL_PROXIES, *config.trusted_proxies)
+    quota = Quota(config.max_stored_bytes_per_address, config.result_lifetime_s, proxies)
+    patch_gradio(config.temp_folder, config.min_free_bytes, quota, proxies)
+    silence_invalid_websocket_text()
     jobs = Jobs(config.jobs_folder, quota)
-    start_sweeper(config.temp, config.result_lifetime_s, jobs.in_use, quota.forget_deleted)
-    atexit.register(jobs.cancel)
+    start_sweeper(config.temp_folder, config.result_lifetime_s, jobs.in_use, quota.forget_deleted)
+    atexit.register(jobs.cancel_all)
 
-    limits = Limits(config.max_run_bytes, config.max_run_s)
+    limits = TaskLimits(config.max_run_memory_bytes, config.max_run_s)
     warm = (config.weights, config.body) if preloads_models else None
     worker = Worker(limits, warm=warm)
     video_worker = Worker(
         replace(limits, no_progress_s=BACKGROUND_TIMEOUT_S), niceness=19, is_reused=False
     )
-    upload_worker = Worker(Limits(CHECK_BYTES, CHECK_S, CHECK_S))
+    upload_worker = Worker(TaskLimits(CHECK_BYTES, CHECK_S, CHECK_S))
     for each in (worker, video_worker, upload_worker):
         atexit.register(each.close)
     media, saved_runs, opened = SharedFolders(), SavedRuns(config.result_lifetime_s), ()
     if config.run_to_open is not None:
-        opened = (add_owner_run(saved_runs, config.run_to_open, config.temp / "opened", media),)
+        opened = (
+            add_host_run(saved_runs, config.run_to_open, config.temp_folder / "opened", media),
+        )
     return Services(
         config=config,
         catalogue=catalogue,
@@ -166,24 +165,26 @@ def _make_services(config: AppConfig, preloads_models: bool) -> Services:
         live=LiveSessions(config.weights),
         characters=Characters(config.private_folder),
         media=media,
-        example_value=example_player_value(media) if preloads_models else None,
+        example_player_value=example_player_value(media) if preloads_models else None,
         opened_run_tokens=opened,
     )
 
 
 def _make_routes(services: Services) -> list[Any]:
     """Return the routes of the page besides those of Gradio."""
-    from app.page.html_export import write_html_page
+    from app.page.html_export import write_standalone_html
     from app.page.results.saved_runs import download_route
     from app.page.routes.live_route import live_routes
     from app.page.routes.media import OnDemandFiles, media_routes, researcher_route
     from app.page.visitors.visitors import leaving_route, visitor_route
-    from app.run.output.run_folder import save_run
+    from app.run.output.run_folder import zip_run_task
 
-    exports = OnDemandFiles(services.config.temp, services.upload_worker.do, services.jobs.quota)
+    exports = OnDemandFiles(
+        services.config.temp_folder, services.upload_worker.do, services.jobs.quota
+    )
     return [
-        download_route(services.saved_runs, exports, ".zip", save_run),
-        download_route(services.saved_runs, exports, ".html", write_html_page, "/page"),
+        download_route(services.saved_runs, exports, ".zip", zip_run_task),
+        download_route(services.saved_runs, exports, ".html", write_standalone_html, "/page"),
         *media_routes(
             services.media, exports, services.characters, services.jobs.quota, services.config.body
         ),
@@ -198,7 +199,7 @@ def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
     """Serve the page with Gradio's and the given routes; raises OSError as `launch`."""
     from fastapi.exceptions import RequestValidationError
 
-    from app.page.routes.guard import HostNames, install_guard, refuse_wrong_body
+    from app.page.routes.guard import HostNames, guard_lifespan, refuse_wrong_body
     from app.page.theme import CSS, head_style, make_theme
 
     page.launch(
@@ -208,7 +209,7 @@ def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
         share=False,
         prevent_thread_lock=True,
         show_error=True,
-        max_file_size=config.max_upload,
+        max_file_size=config.max_upload_size,
         allowed_paths=[str(EXAMPLES)],
         blocked_paths=[
             str(path)
@@ -241,10 +242,10 @@ def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
                 RequestValidationError: refuse_wrong_body,
                 **dict.fromkeys((KeyError, TypeError, ValueError), answer_wrong_call),
             },
-            "lifespan": install_guard(
+            "lifespan": guard_lifespan(
                 HostNames(config.host, config.host_names),
                 config.frame_ancestors,
-                has_proxy=bool(config.proxies),
+                has_proxy=bool(config.trusted_proxies),
             ),
         },
         auth=list(config.accounts) or None,
@@ -254,7 +255,7 @@ def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
 def main(argv: list[str] | None = None) -> None:
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
-        config = with_temp_folder(parse_config(argv))
+        config = claim_temp_folder(parse_config(argv))
         page = launch(config)
     except Exception as error:
         sentence = str(error) if isinstance(error, OSError) else message_for_user(error)
@@ -277,11 +278,11 @@ def check_port(config: AppConfig) -> None:
                 raise OSError(message) from error
 
 
-def with_temp_folder(config: AppConfig) -> AppConfig:
-    """Return the configuration with a temporary folder of this process, removed at its end."""
+def claim_temp_folder(config: AppConfig) -> AppConfig:
+    """Claim a temporary folder, set TMPDIR and signal handlers; return the new configuration."""
     from app.page.visitors.job_folders import claim_folder
 
-    temp = claim_folder(config.temp)
+    temp = claim_folder(config.temp_folder)
     scratch = temp / "scratch"
     scratch.mkdir(mode=0o700)
     os.environ["TMPDIR"] = str(scratch)  # for temporary files of libraries and child processes
@@ -289,7 +290,7 @@ def with_temp_folder(config: AppConfig) -> AppConfig:
     for number in _ENDING:
         if signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
             signal.signal(number, _exit_on_signal)
-    return replace(config, temp=temp)
+    return replace(config, temp_folder=temp)
 
 
 def _exit_on_signal(number: int, frame: object) -> None:

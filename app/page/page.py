@@ -18,10 +18,10 @@ from app.page.tabs.study import build_analysis, build_study_tab
 from app.page.tabs.systems import (
     RotationNoiseRunner,
     SpeechEffectRunner,
-    StepCurveRunner,
+    StepSweepRunner,
     build_systems_tab,
 )
-from app.page.visitors.visitors import VISITOR_ROUTE, visitor_of
+from app.page.visitors.visitors import VISITOR_ROUTE, page_session_of
 
 _FORM_ID = "motion-form"
 _FORM = f"document.getElementById('{_FORM_ID}')"
@@ -38,16 +38,11 @@ _END_LOADING = f"""() => {{
   {_SAY}((line) => (line.textContent = '{text.READY}'));
   document.documentElement.dataset.ready = '';
 }}"""
-"""JavaScript that enables the form and sets ``<html data-ready>`` for scripts that wait for the
-page."""
+"""JavaScript that enables the form and sets ``<html data-ready>`` for scripts that wait."""
 
 
 def build_app(services: Services) -> gr.Blocks:
-    with gr.Blocks(
-        title=text.TITLE,
-        analytics_enabled=False,
-        fill_width=True,
-    ) as page:
+    with gr.Blocks(title=text.TITLE, analytics_enabled=False, fill_width=True) as page:
         gr.HTML(markup.header(services.catalogue.trained_on))
         gr.HTML(
             own_motion_tab.TAB,
@@ -71,8 +66,11 @@ def build_app(services: Services) -> gr.Blocks:
                     form = build_form(services)
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
                     results = ResultParts()
-                    if services.example_value is not None and services.config.run_to_open is None:
-                        results.player.value = services.example_value
+                    if (
+                        services.example_player_value is not None
+                        and services.config.run_to_open is None
+                    ):
+                        results.player.value = services.example_player_value
             with gr.Tab(live_tab.TAB) as tab:
                 tab.select(services.live.start_process, **UNQUEUED_EVENT)
                 live_results = live_tab.build_live_tab(page, services)
@@ -82,7 +80,7 @@ def build_app(services: Services) -> gr.Blocks:
                 RotationNoiseRunner(services)
                 build_systems_tab(services.catalogue.systems)
                 SpeechEffectRunner(services)
-                StepCurveRunner(services)
+                StepSweepRunner(services)
             with gr.Tab(text.STUDY_TAB):
                 build_study_tab(services)
                 build_analysis(services)
@@ -95,7 +93,7 @@ def build_app(services: Services) -> gr.Blocks:
         )
         places = {"generate": results, "own_motion": own_results}
         page.load(None, js=_BEGIN_LOADING)
-        page.load(visitor_of, outputs=name_of_page, **UNQUEUED_EVENT)
+        page.load(page_session_of, outputs=name_of_page, **UNQUEUED_EVENT)
         opening = PageLoader(services, tabs, places, form.fields)
         for parts in places.values():
             opening.attach_clip_choice(parts)

@@ -26,12 +26,7 @@ PLAYER_CSS = tuple(
     _FOLDER / name for name in ("player.css", "stage.css", "tiers.css", "editing.css")
 )
 """Style sheets that the player needs in addition to the theme."""
-HEAD_CSS = (
-    _FOLDER / "frame.css",
-    *PLAYER_CSS,
-    _FOLDER / "measures.css",
-    _FOLDER / "live.css",
-)
+HEAD_CSS = (_FOLDER / "frame.css", *PLAYER_CSS, _FOLDER / "measures.css", _FOLDER / "live.css")
 _PRELOADED = (
     ("web/inter.woff2", "font"),
     ("stage/facts.json", "fetch"),

@@ -27,7 +27,7 @@ from app.errors import (
     message_for_user,
 )
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
-from processes.child import Child, ChildExited, parent_channel, receive_queue
+from processes.child import Child, ChildExited, parent_channel, start_receiving
 
 RequestT = TypeVar("RequestT")
 ResultT = TypeVar("ResultT")
@@ -56,10 +56,10 @@ AGAIN = "start it again; a new process will be used"
 
 
 @dataclass(frozen=True)
-class Limits:
+class TaskLimits:
     """Limits of one task; exceeding any of them ends the process."""
 
-    memory_bytes: int = 4 * 10**9
+    additional_memory_bytes: int = 4 * 10**9
     """Memory (bytes) in addition to that of the process before the task."""
     run_s: float = 2 * 3600.0
     no_progress_s: float = 240.0
@@ -71,7 +71,7 @@ class Worker:
 
     def __init__(
         self,
-        limits: Limits = Limits(),
+        limits: TaskLimits = TaskLimits(),
         warm: tuple[Path, Path | None] | None = None,
         niceness: int = 0,
         is_reused: bool = True,
@@ -82,7 +82,6 @@ class Worker:
             warm: weights and body to load before the first task; None loads them when a task needs
                 them.
             niceness: scheduling priority; 19 uses only idle time.
-            is_reused: whether the process is reused for the next task.
         """
         self._limits = limits
         self._warm = warm
@@ -148,7 +147,7 @@ class Worker:
     def _drop(self) -> None:
         child, self._child = self._child, None
         if child is not None:
-            child.end()
+            child.kill()
 
     def _done_by(
         self, child: Child, work: tuple[Task[Any, ResultT], Any], callbacks: RunCallbacks
@@ -159,7 +158,7 @@ class Worker:
         news: object = None
         stop_by: float | None = None
         try:
-            child.send((pickle.dumps(work), limits.memory_bytes))
+            child.send((pickle.dumps(work), limits.additional_memory_bytes))
             while True:
                 now = time.monotonic()
                 if stop_by is None and callbacks.should_cancel():
@@ -186,7 +185,7 @@ class Worker:
         except ChildExited as error:
             if stop_by is not None:
                 raise Cancelled from error
-            allowed = FOR_MEMORY.format(gigabytes=limits.memory_bytes / 1e9)
+            allowed = FOR_MEMORY.format(gigabytes=limits.additional_memory_bytes / 1e9)
             raise RunError(child.exit_report().user_message(ENDED, allowed, AGAIN)) from error
 
 
@@ -197,7 +196,7 @@ _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
 def main() -> None:
     """Run the worker process: do tasks, and load the models in small steps in between."""
     channel, needed = parent_channel()
-    works = receive_queue(channel)
+    works = start_receiving(channel)
     lock = threading.Lock()
 
     def tell(message: object) -> None:

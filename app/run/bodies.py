@@ -44,7 +44,7 @@ def align_to_origin(motion: Motion) -> Motion:
     The hips face +z on average, the median pelvis is above the origin and the lower foot is on the
     floor. All motions use the same skeleton here.
     """
-    register = root_transform_of(motion)
+    register = alignment_to_origin(motion)
     turn = Rotation.from_rotvec([0.0, register.yaw_rad, 0.0])
     rest = open_body_skeleton().rest_joints[0].double().numpy()  # centre of the pelvis rotation
     poses = motion.poses.reshape(len(motion.poses), -1, 3).copy()
@@ -63,7 +63,7 @@ class RootTransform:
     translation_m: tuple[float, float, float]
 
 
-def root_transform_of(motion: Motion) -> RootTransform:
+def alignment_to_origin(motion: Motion) -> RootTransform:
     """Compute the root transform that `align_to_origin` applies."""
     skeleton = open_body_skeleton()
     joints = track_points(motion, skeleton).joints
@@ -103,14 +103,10 @@ _PIECE_FRAMES = 4096
 
 
 @dataclass(frozen=True)
-class TrackedPoint:
-    """Source of the tracked point's positions for figures and metrics.
+class PointTracker:
+    """Tracker of one point in any motion; raises RunError, with all names, if there is none."""
 
-    Raises:
-        RunError: if there is no such point, with the names of all points.
-    """
-
-    point: str = DEFAULT_TRACKED_POINT
+    name: str = DEFAULT_TRACKED_POINT
     """Name of a fingertip or of a joint of SMPL-X."""
     body: Body | None = None
     """Licensed body with the tracked vertices and joints; None is the open skeleton."""
@@ -119,23 +115,23 @@ class TrackedPoint:
     )
 
     def __post_init__(self) -> None:
-        if self.point not in (*JOINT_INDEX, *FINGERTIP_VERTICES):
+        if self.name not in (*JOINT_INDEX, *FINGERTIP_VERTICES):
             raise RunError(
-                f"There is no point {self.point!r} to track; choose a fingertip "
+                f"There is no point {self.name!r} to track; choose a fingertip "
                 f"({', '.join(FINGERTIP_VERTICES)}) or a joint of SMPL-X, such as right_wrist "
                 f"or {DEFAULT_TRACKED_POINT}3."
             )
 
     @property
-    def source(self) -> str:
-        """Name of the source as in `diagnostics.json`."""
-        if self.point in JOINT_INDEX:
+    def position_kind(self) -> str:
+        """Kind of its position in `diagnostics.json`: joint, vertex, or a tip rigid to a joint."""
+        if self.name in JOINT_INDEX:
             return "joint" if self.body is None else "joint of the body"
-        return "rigid" if self.body is None else f"vertex {FINGERTIP_VERTICES[self.point]}"
+        return "rigid" if self.body is None else f"vertex {FINGERTIP_VERTICES[self.name]}"
 
     @property
     def title(self) -> str:
-        return point_title(self.point)
+        return point_title(self.name)
 
     def track(
         self,
@@ -149,13 +145,12 @@ class TrackedPoint:
         Args:
             num_frames: number of first frames that are needed; None for all.
             on_piece: called after each chunk of a long motion; an exception from it stops the work.
-            tracks: joint positions of the motion, if they have been computed.
         """
         if motion not in self._tracks:
             part = motion if num_frames is None else motion.part(slice(num_frames))
             pieces = self._pieces(part)
             if tracks is not None and self.body is None:
-                pieces = iter([tracks.point(self.point)])
+                pieces = iter([tracks.point(self.name)])
             positions = []
             for piece in pieces:
                 positions.append(piece.copy())
@@ -169,22 +164,22 @@ class TrackedPoint:
         return self._tracks[motion][:num_frames]
 
     def _pieces(self, motion: Motion) -> Iterator[np.ndarray]:
-        if self.body is not None and self.point in FINGERTIP_VERTICES:
-            for chunk in self.body.vertices(body_motion(motion)):
-                yield chunk[:, FINGERTIP_VERTICES[self.point]]
+        if self.body is not None and self.name in FINGERTIP_VERTICES:
+            for chunk in self.body.posed_vertices(body_motion(motion)):
+                yield chunk[:, FINGERTIP_VERTICES[self.name]]
             return
         for start in range(0, motion.num_frames, _PIECE_FRAMES):
             part = motion.part(slice(start, start + _PIECE_FRAMES))
             if self.body is None:
-                yield track_points(part, open_body_skeleton()).point(self.point)
+                yield track_points(part, open_body_skeleton()).point(self.name)
             else:
-                yield self.body.joint_positions(body_motion(part))[:, JOINT_INDEX[self.point]]
+                yield self.body.joint_positions(body_motion(part))[:, JOINT_INDEX[self.name]]
 
 
-def make_tracked_point(body: Path | None, point: str = DEFAULT_TRACKED_POINT) -> TrackedPoint:
-    """Make the source of a tracked point, on a licensed body or else on the open skeleton.
+def make_point_tracker(body: Path | None, point: str = DEFAULT_TRACKED_POINT) -> PointTracker:
+    """Make the tracker of a point, on a licensed body or else on the open skeleton.
 
     A character has its own proportions, so its metrics are those of the skeleton, too.
     """
     loaded = None if body is None else get_body(body)
-    return TrackedPoint(point, None if loaded is None or loaded.rig is not None else loaded)
+    return PointTracker(point, None if loaded is None or loaded.rig is not None else loaded)

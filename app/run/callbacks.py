@@ -22,7 +22,7 @@ class StageProgress:
     """Fraction done of this stage, 0 to 1."""
     detail: str = ""
     """Current item, such as the name of a system."""
-    clip: str = ""
+    clips_text: str = ""
     """Number of clips, such as "4 clips", if there are several; progress is the mean of them."""
 
 
@@ -48,7 +48,6 @@ class RunCallbacks:
 
         Args:
             on_event: called with each progress event, and when the folder has new content.
-            should_cancel: called many times a second.
         """
         self.on_event = on_event
         self.should_cancel = should_cancel
@@ -57,7 +56,7 @@ class RunCallbacks:
         self.on_event(StageProgress(stage, fraction, detail))
 
     def progress_callback(
-        self, stage: RunStage, fraction: float = 1.0, start: float = 0.0
+        self, stage: RunStage, part_size: float = 1.0, start: float = 0.0
     ) -> Callable[[float], None]:
         """Return a callback for the fraction done of a part of a stage.
 
@@ -66,7 +65,7 @@ class RunCallbacks:
 
         def on_share(share: float) -> None:
             self.raise_if_cancelled()
-            self.report_progress(stage, start + fraction * share)
+            self.report_progress(stage, start + part_size * share)
 
         return on_share
 

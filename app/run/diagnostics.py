@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from app.errors import RunError
-from app.run.bodies import TrackedPoint
+from app.run.bodies import PointTracker
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.parts import FigureOptions
 from app.run.videos.videos import Snapshots
@@ -41,32 +41,29 @@ from renderer.figures.figure6.layout import column_figure_fits_page
 from renderer.figures.jitter import Jitter, JitterSheet
 
 _ABOVE_HIPS = (*UPPER_BODY, *HANDS, *FACE)
-"""Joints of the snapshots in figures, cropped so that hands are large; whole if a leg is tracked.
-"""
+"""Joints of snapshots in figures, cropped so that hands are large; whole if a leg is tracked."""
 CSV_HEADER = ("name", "post_filter", "measure", "index", "value", "protocol")
 _ONSETS: WeakKeyDictionary[Speech, np.ndarray] = WeakKeyDictionary()
 
 
 def measure_motions(
     motions: Mapping[str, Motion],
-    tip: TrackedPoint,
+    tracker: PointTracker,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
     on_share: Callable[[float], None] = lambda share: None,
     windows: Mapping[str, Windowing] | None = None,
     speech_bands: Float[np.ndarray, "T bands"] | None = None,
-    inputs: ProtocolInputs | None = None,
+    protocol_inputs: ProtocolInputs | None = None,
 ) -> Diagnostics:
     """Compute all metrics and findings of the motions.
 
     Args:
         motions: motions by name; a recorded one has the name `REFERENCE_NAME`.
-        tip: tracked point of the ``tip_`` metrics.
         onsets_s: onset times of the speech, for BeatAlign.
         on_share: called with the fraction done, 0 to 1, for each motion raw and filtered, more than
             once for a long one; an exception from it stops the work.
-        windows: generation windows by name, if known.
         speech_bands: log-mel bands of the speech per motion frame, for the lag of motions.
-        inputs: published mean speeds for BeatAlign, and inputs of published protocols.
+        protocol_inputs: published mean speeds for BeatAlign, and inputs of published protocols.
     """
     done, count = 0, 2 * len(motions)
 
@@ -75,7 +72,7 @@ def measure_motions(
         nonlocal done
         share = done / count
         done += 1
-        return tip.track(version, on_piece=lambda: on_share(share), tracks=tracks)
+        return tracker.track(version, on_piece=lambda: on_share(share), tracks=tracks)
 
     return diagnose(
         {name: motion for name, motion in motions.items() if name != REFERENCE_NAME},
@@ -83,10 +80,10 @@ def measure_motions(
         reference=motions.get(REFERENCE_NAME),
         windows=windows,
         speech_bands=speech_bands,
-        inputs=inputs,
+        protocol_inputs=protocol_inputs,
         tip_track=follow,
-        tip_source=tip.source,
-        point=tip.point,
+        tracked_point_source=tracker.position_kind,
+        point=tracker.name,
         onsets_s=onsets_s,
     )
 
@@ -101,31 +98,27 @@ def cached_speech_onsets(speech: Speech) -> np.ndarray:
 def write_diagnostics(
     diagnostics: Diagnostics, folder: ResultFolder, transcript: Transcript = EMPTY_TRANSCRIPT
 ) -> tuple[Path, Path]:
-    """Write diagnostics.json and diagnostics.csv, a table with one row for each number.
-
-    Args:
-        transcript: transcript; its words and phones are added to the JSON.
-    """
+    """Write diagnostics.json, with words and phones, and diagnostics.csv, one row per number."""
     content = diagnostics.as_json()
     if transcript.words:
         content["words_origin"] = transcript.origin
         content["words"] = [asdict(word) for word in transcript.words]
     if transcript.phones:
         content["phones"] = [asdict(phone) for phone in transcript.phones]
-    json_path, csv_path = folder.path("diagnostics.json"), folder.path("diagnostics.csv")
+    json_path, csv_path = folder.new_path("diagnostics.json"), folder.new_path("diagnostics.csv")
     json_path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
     csv_path.write_text(csv_text([CSV_HEADER, *_rows(diagnostics)]), "utf-8", newline="")
     return json_path, csv_path
 
 
 def _rows(diagnostics: Diagnostics) -> Iterator[tuple[str, str, str, str, float, str]]:
-    protocol_of = diagnostics.protocol_of
+    protocol_by_metric = diagnostics.protocol_by_metric
     for name, versions in diagnostics.all_motions.items():
         for post_filter, values in versions.as_json().items():
             published = values.pop("protocols", {})
             for measure, value in values.items():
                 for index, number in _numbers(value):
-                    yield name, post_filter, measure, index, number, protocol_of[measure]
+                    yield name, post_filter, measure, index, number, protocol_by_metric[measure]
             for protocol, by_name in published.items():
                 for measure, number in by_name.items():
                     yield name, post_filter, measure, "", number, protocol
@@ -149,12 +142,7 @@ def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:
 def check_figure6(
     figures: FigureOptions, num_frames: int, num_motions: int, is_drawn: bool = True
 ) -> None:
-    """Check that Figure 6 fits the motions and, if it is drawn, the page.
-
-    Raises:
-        RunError: if its start or snapshots are beyond the shortest motion, or a column is taller
-            than a page.
-    """
+    """Check that Figure 6 fits the motions and, if drawn, the page; raises RunError."""
     last = num_frames - 1
     frames, panels = figures.figure_frames, figures.figure_panels
     if (
@@ -168,18 +156,18 @@ def check_figure6(
         )
     if not 0 <= figures.start_frame <= last:
         raise RunError(
-            f"The start frame of Figure 6 must be 0 to {last}; got {figures.start_frame}."
+            f"The start frame of Figure 6 must be from 0 to {last}; got {figures.start_frame}."
         )
     if frames and frames[-1] > last:
-        raise RunError(f"Snapshot frames of Figure 6 must be 0 to {last}; got {frames[-1]}.")
+        raise RunError(f"Snapshot frames of Figure 6 must be from 0 to {last}; got {frames[-1]}.")
 
 
 def make_figure6(
     motions: Mapping[str, Motion],
     snapshots: Snapshots,
-    tip: TrackedPoint,
+    tracker: PointTracker,
     figures: FigureOptions,
-    clip: str,
+    speech_name: str,
     on_piece: Callable[[], None],
     post_filter: PostFilter | None = None,
 ) -> Figure6:
@@ -187,26 +175,25 @@ def make_figure6(
 
     Args:
         motions: motions as they are shown; a recorded one has the name `REFERENCE_NAME`.
-        clip: name of the speech.
         on_piece: called at least once for each motion; an exception from it stops the work.
         post_filter: filter of generated motions; None for imported ones.
     """
     end, labels, marks = figures.start_frame + WINDOW_FRAMES, short_names(motions), snapshots.marks
     if marks is not None:
         pixels, joint_jerk = _labelled(marks.pixels, labels), _labelled(marks.joint_jerk, labels)
-        crop_joints = None if JOINT_INDEX.get(tip.point) in LOWER_BODY else _ABOVE_HIPS
+        crop_joints = None if JOINT_INDEX.get(tracker.name) in LOWER_BODY else _ABOVE_HIPS
         marks = replace(marks, pixels=pixels, joint_jerk=joint_jerk, crop_joints=crop_joints)
     return Figure6(
-        {labels[name]: tip.track(motion, end, on_piece) for name, motion in motions.items()},
+        {labels[name]: tracker.track(motion, end, on_piece) for name, motion in motions.items()},
         _labelled(snapshots.pictures, labels),
         snapshots.frames,
         marks=marks,
         reference=REFERENCE_NAME if REFERENCE_NAME in motions else None,
         start_frame=figures.start_frame,
-        tracked_point=tip.title,
-        tracked_point_source=tip.source,
+        tracked_point=tracker.title,
+        tracked_point_source=tracker.position_kind,
         post_filter=post_filter or "none",
-        clip=clip,
+        clip=speech_name,
         caveat="" if post_filter is None else ONE_SEED_CAVEAT,
         requested_panels=figures.figure_panels,
         width_mm=float(figures.figure_width.removesuffix("mm")),
@@ -218,7 +205,7 @@ def _labelled(by_name: Mapping[str, Any], labels: Mapping[str, str]) -> dict[str
 
 
 def make_jitter_sheet(
-    diagnostics: Diagnostics, tip: TrackedPoint, names: Sequence[str]
+    diagnostics: Diagnostics, tracker: PointTracker, names: Sequence[str]
 ) -> JitterSheet:
     """Make the content of the jitter sheet of some systems."""
     of_all = diagnostics.all_motions
@@ -226,7 +213,7 @@ def make_jitter_sheet(
     windows = diagnostics.windows
     return JitterSheet(
         {label: _jitter_of(shown[name]) for name, label in short_names(shown).items()},
-        tracked_point=tip.title.lower(),
+        tracked_point=tracker.title.lower(),
         window_advance=windows.advance if windows else 0,
         window_overlap=windows.overlap if windows else 0,
     )
@@ -236,13 +223,13 @@ def _jitter_of(versions: RawAndFiltered) -> dict[FilterVersion, Jitter]:
     def of(measures: MotionMetrics) -> Jitter:
         spectrum, period = measures.point.tip_spectrum, measures.seams.period
         return Jitter(
-            by_depth=measures.positions.jerk_by_depth_m_s3,
-            by_joint=measures.positions.joint_jerk_m_s3,
+            jerk_by_depth=measures.positions.jerk_by_depth_m_s3,
+            jerk_by_joint=measures.positions.joint_jerk_m_s3,
             spectrum=spectrum and (spectrum.frequency_hz, spectrum.velocity_power),
             chain=measures.point.tip_jerk_attribution.joints,
             jerk_drop_by_joint=measures.point.tip_jerk_attribution.share,
-            by_window_frame=measures.seams.jerk_by_window_phase_m_s3,
+            jerk_by_frame_in_period=measures.seams.jerk_by_frame_in_period_m_s3,
             period_and_part=period and (period.frames, period.part),
         )
 
-    return {kind: of(versions.of(kind)) for kind in FILTER_VERSIONS}
+    return {kind: of(versions.version(kind)) for kind in FILTER_VERSIONS}

@@ -20,7 +20,7 @@ from app.errors import RunError
 from app.flags import choice_type
 from conventions.names import printable
 from conventions.views import BodyBuild, SkinTone
-from model.storage.json_validation import FieldError, parse_json
+from model.storage.json_validation import InvalidJsonError, parse_json
 from renderer.scene.camera import Orbit
 
 Coloring = Literal["natural", "jerk"]
@@ -51,7 +51,7 @@ class Display:
     """Frequency (Hz) above which motion counts as jitter."""
     trail_frames: Suppress[int] = 30
     """Length of the trail in frames."""
-    jerk_m_s3: Suppress[float] = 500.0
+    max_jerk_m_s3: Suppress[float] = 500.0
     """Jerk (m/s³) at the end of the colour scale and from which the trail has a dot. The jerk of
     recorded speakers' fingertips exceeds the default in one frame of a hundred."""
 
@@ -64,7 +64,7 @@ DISPLAY_LIMITS: Mapping[str, tuple[float, float, str]] = {
     "exaggeration": (1.0, 20.0, "The exaggeration factor must be {}"),
     "cutoff_hz": (3.0, 8.0, "The jitter cutoff frequency must be {} Hz"),
     "trail_frames": (5, 90, "The trail must be {} frames long"),
-    "jerk_m_s3": (50.0, 2000.0, "The maximum of the jerk colour scale must be {} m/s³"),
+    "max_jerk_m_s3": (50.0, 2000.0, "The maximum of the jerk colour scale must be {} m/s³"),
 }
 """Minimum, maximum and error message of the fields of `Display`; the limits replace its braces. The
 viewer has the same limits."""
@@ -75,7 +75,7 @@ def check_display(display: Display) -> None:
     for name, (least, most, refusal) in DISPLAY_LIMITS.items():
         value = getattr(display, name)
         if not least <= value <= most:
-            raise RunError(f"{refusal.format(f'{least:g} to {most:g}')}; got {value:g}.")
+            raise RunError(f"{refusal.format(f'from {least:g} to {most:g}')}; got {value:g}.")
     if display.coloring not in COLORINGS:
         raise RunError(
             f"There is no colouring {display.coloring!r}; choose one of {', '.join(COLORINGS)}."
@@ -102,26 +102,26 @@ class ViewerSettings(BrowserMessage):
     cutoff_hz: float = Field(default=5.0, alias="cutoff")
     has_trail: bool = False
     trail_frames: int = 30
-    has_heat: bool = False
-    jerk_m_s3: float = Field(default=500.0, alias="heatScale")
-    point: str = "right_middle"
+    has_jerk_colors: bool = Field(default=False, alias="hasHeat")
+    """True to show jerk as colour."""
+    max_jerk_m_s3: float = Field(default=500.0, alias="heatScale")
+    tracked_point: str = Field(default="right_middle", alias="point")
     """Tracked point of the trail."""
-    is_aligned: bool = True
+    is_pair_aligned: bool = Field(default=True, alias="isAligned")
     """True if the second body of a pair is moved onto the first, pelvis on pelvis."""
-    is_whole: bool = False
+    shows_whole_body: bool = Field(default=False, alias="isWhole")
     """True to show the whole body, false to show it from the knees up."""
     tone: SkinTone = "light"
     build: BodyBuild = "average"
     """Body shape of the open body; tone and build do not apply to a licensed body."""
     has_bones: bool = False
     has_axes: bool = False
-    """True to show axes of joints. Videos have neither these nor skeletons, and a note about that.
-    """
+    """True shows axes of joints. Videos have neither these nor skeletons, and a note about that."""
 
     @property
     def display(self) -> Display:
         names = (*DISPLAY_LIMITS, "has_trail")
-        coloring: Coloring = "jerk" if self.has_heat else "natural"
+        coloring: Coloring = "jerk" if self.has_jerk_colors else "natural"
         return Display(coloring=coloring, **{name: getattr(self, name) for name in names})
 
 
@@ -129,8 +129,7 @@ Mode = Literal["grid", "ghost", "wipe", "flicker"]
 MAX_SHOWN = 12
 """Maximum number of bodies in one video."""
 MAX_BODIES = 64
-"""Maximum number of bodies in the viewer, hidden ones included, as the cameras frame all of them.
-"""
+"""Maximum number of bodies in the viewer, hidden ones included, as cameras frame all of them."""
 MAX_LABEL = 60
 
 
@@ -154,8 +153,7 @@ class ViewerBody(BrowserMessage):
     """One body of the viewer."""
 
     label: Label
-    motion: str
-    """URL of the motion."""
+    motion_url: str
     color: Color
     """Colour of the body's row."""
 
@@ -169,7 +167,7 @@ class ViewerState(BrowserMessage):
         tuple[Annotated[int, Field(ge=0)], ...], Field(max_length=MAX_BODIES, alias="shown")
     ]
     """Indices of the visible bodies, from 0 on and in their order; for a pair, both of it."""
-    size: tuple[Side, Side]
+    picture_size: tuple[Side, Side]
     """Width and height of one body's picture, or of the whole picture of a pair."""
     panels: Annotated[
         tuple[Annotated[tuple[ViewerPanel, ...], Field(max_length=4)], ...], Field(max_length=2)
@@ -181,29 +179,21 @@ class ViewerState(BrowserMessage):
     """Comparison mode of a pair; ``grid`` shows bodies side by side."""
     wipe: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Fraction of the picture that shows the first body."""
-    look: ViewerSettings = ViewerSettings()
+    settings: ViewerSettings = ViewerSettings()
     is_smoothed: bool = False
     """True if the post-filter is applied."""
     camera: tuple[float, float, float, float, float] = (0.0, 0.0, 1.0, 0.0, 0.0)
     """Camera position, with the fields of `Orbit`."""
-    sound: str | None = None
-    """URL of the sound."""
+    sound_url: str | None = None
     has_character: bool = False
     """True if the bodies are the visitor's own character."""
 
     @classmethod
     def parse(cls, message: object) -> ViewerState:
-        """Parse the state of the viewer and check it.
-
-        Args:
-            message: JSON as written by app/page/web/player/player.js.
-
-        Raises:
-            RunError: if the JSON is anything else, or a state that the viewer cannot have.
-        """
+        """Parse and check the state as app/page/web/player/player.js writes it; raises RunError."""
         try:
             state = parse_json(message if isinstance(message, str) else "", cls)
-        except FieldError as error:
+        except InvalidJsonError as error:
             raise RunError(text.VIEWER_VIDEO_DAMAGED.format(why=f"{error}.")) from None
         state.check()
         return state
@@ -230,8 +220,8 @@ class ViewerState(BrowserMessage):
             left, top, width, height = panel.rect
             inside = (
                 min(left, top) >= -1
-                and left + width <= self.size[0] + 1
-                and top + height <= self.size[1] + 1
+                and left + width <= self.picture_size[0] + 1
+                and top + height <= self.picture_size[1] + 1
                 and min(width, height) >= 8
             )
             if not inside:
@@ -239,7 +229,7 @@ class ViewerState(BrowserMessage):
                     f"The {(panel.view or 'body').replace('_', ' ')} does not fit in the picture; "
                     "enlarge the viewer, or hide close-ups."
                 )
-        check_display(self.look.display)
+        check_display(self.settings.display)
         try:
             Orbit(*self.camera).check()
         except ValueError as error:

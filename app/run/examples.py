@@ -26,8 +26,7 @@ NOISE_RAD = 0.012
 SLIDE_M, SLIDE_S = 0.35, 2.5
 """Distance (m) by which feet slide to the side and back, and duration (s) of one way."""
 JUMP_RAD, JUMP_EVERY = 0.06, 52
-"""Jump of every joint (rad), and the frames between jumps, as at the seams of windows of 60 frames.
-"""
+"""Jump of every joint (rad), and the frames between jumps, as at seams of 60-frame windows."""
 FLOAT_M, FLOAT_RISE_S = 0.08, 0.5
 CALMER = 0.9
 
@@ -35,8 +34,8 @@ CALMER = 0.9
 RECORDED = "recorded"
 
 
-def write_faulty_example(folder: Path) -> list[str]:
-    """Return the paths of the faulty motion (made once), its reference, speech and transcript."""
+def write_faulty_example_files(folder: Path) -> list[str]:
+    """Write the faulty motion once; return paths of it, its reference, speech and transcript."""
     from model.motion.motion import load_motion, save_motion
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -59,45 +59,46 @@ _SHOULDERS_RAD, _ELBOWS_RAD = 1.15, 1.9
 
 
 @functools.cache
-def open_body_glb() -> bytes:
+def make_open_body_glb() -> bytes:
     """Return the GLB file of the open body, made at the first call."""
     from renderer.body.lod import NUM_DRAWN, open_body_lod_faces
     from renderer.files.glb import glb_bytes
 
     body = get_body(None)
     return glb_bytes(
-        body, camera_bound_poses(body), coarser_faces=open_body_lod_faces()[NUM_DRAWN - 1 :]
+        body, camera_framing_poses(body), coarser_faces=open_body_lod_faces()[NUM_DRAWN - 1 :]
     )
 
 
-def write_viewer_body(paths: tuple[Path, Path], *_: object) -> None:
+def write_viewer_body(source_and_target: tuple[Path, Path], *_: object) -> None:
     """Write a visitor's character, the first file, as the viewer's mesh, the second."""
     from renderer.body.body import load_body
     from renderer.body.lod import clustered_lod_faces
     from renderer.files.glb import glb_bytes
 
-    body = load_body(paths[0])
-    paths[1].write_bytes(glb_bytes(body, camera_bound_poses(body), clustered_lod_faces(body)))
+    source, target = source_and_target
+    body = load_body(source)
+    target.write_bytes(glb_bytes(body, camera_framing_poses(body), clustered_lod_faces(body)))
 
 
 @functools.cache
-def body_shapes_bytes() -> bytes:
-    """Return the other body shapes of the open body for app/page/web/stage/builds.js."""
-    from renderer.files.glb import body_build_offsets_bytes
+def open_body_build_bytes() -> bytes:
+    """Return vertex offsets of the open body's other shapes for app/page/web/stage/builds.js."""
+    from renderer.files.glb import body_build_bytes
 
-    return body_build_offsets_bytes()
+    return body_build_bytes()
 
 
-def encode_camera_bound_poses() -> bytes:
-    """Encode `camera_bound_poses` for a browser, which frames live motion by them at first."""
-    return frames_message(0, camera_bound_poses(get_body(None)))
+def encode_camera_framing_poses() -> bytes:
+    """Encode `camera_framing_poses` for a browser, which frames live motion by them at first."""
+    return frames_message(0, camera_framing_poses(get_body(None)))
 
 
 def face_blendshape_names() -> tuple[str, ...]:
     return get_body(None).expression_names
 
 
-def camera_bound_poses(body: Body) -> BodyMotion:
+def camera_framing_poses(body: Body) -> BodyMotion:
     """Make four poses (4, 165) that bound live motion, for framing the camera.
 
     Hands at the hips and the face at rest, as a body waits for speech; then hands at the face; then

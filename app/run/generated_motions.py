@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.run.bodies import align_to_origin, make_tracked_point
+from app.run.bodies import align_to_origin, make_point_tracker
 from app.run.diagnostics import cached_speech_onsets, check_figure6
 from app.run.models import get_body, get_system
 from app.run.output.provenance import make_provenance, run_title
@@ -44,10 +44,10 @@ from model.plan.detection import plan_from_motion
 from model.plan.files import check_plan_suffix, read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan, PlanResult
 from model.plan.style import StyleChange, read_style_file
-from model.sampling.samplers import Sampling, clip_seed
-from model.speech.audio import Speech, SpeechLimits, load_speech
+from model.sampling.samplers import Sampling, noise_seed_of_clip
+from model.speech.audio import Speech, SpeechReadOptions, load_speech
 from model.speech.transcript import SPARE_S
-from model.systems.registry import default_planner, list_systems
+from model.systems.registry import default_planning_system, list_systems
 from renderer.draw.probe import choose_backend
 
 LIVE_NOTE = (
@@ -57,7 +57,7 @@ LIVE_NOTE = (
 
 
 def generate_motions(
-    request: GenerateRequest, words: TranscriptLoader, run: RunWriter
+    request: GenerateRequest, transcript_loader: TranscriptLoader, run: RunWriter
 ) -> RunMotions:
     """Generate the motions of the systems window by window, and return the rows of the run.
 
@@ -65,8 +65,8 @@ def generate_motions(
         RunError, SpeechError, MotionError, BodyError, UnknownNameError, CheckpointError, GLError,
             PlanError, WriteError: each with one sentence.
     """
-    limits = SpeechLimits(max_s=request.speech.max_speech_s, channel=request.speech.channel)
-    speech = load_speech(request.speech.path, limits)
+    options = SpeechReadOptions(max_s=request.speech.max_speech_s, channel=request.speech.channel)
+    speech = load_speech(request.speech.path, options)
     run.add_notes(*speech.notes)
     body = get_body(request.video.body, request.video.look)
     systems = _load_systems(request)
@@ -75,11 +75,13 @@ def generate_motions(
         system.speaker_index(speaker)  # raises for an unknown name
     recorded = _read_reference(request, speech, run)
     backend = choose_backend() if request.output.has_video else None
-    require_free_space(request.output.out, _needed_bytes(request, speech.num_frames, len(systems)))
+    require_free_space(
+        request.output.out, _needed_bytes(request, speech.num_motion_frames, len(systems))
+    )
     sound = run.write_audio(speech.waveform)
     seed = request.sampling.seed
     if request.live_recording is None:
-        seed = clip_seed(seed, speech.sha256)
+        seed = noise_seed_of_clip(seed, speech.sha256)
     sampling = replace(request.sampling, speaker=speaker, seed=seed)
     options = _options(request, sampling, systems, speech, run)
     run.record.noise_seed = seed
@@ -92,13 +94,15 @@ def generate_motions(
     shown = {name: apply_post_filter(raw, post_filter) for name, raw in recorded.items()}
     for name, motion in shown.items():
         run.write_motion(name, motion)
-    tip = make_tracked_point(request.video.body, request.joint)
-    shortest = min(each.num_frames for each in (speech, *recorded.values()))
+    tracker = make_point_tracker(request.video.body, request.tracked_point)
+    shortest = min([speech.num_motion_frames, *(each.num_frames for each in recorded.values())])
     is_drawn = request.output.has_figures
     check_figure6(request.figures, shortest, min(MAX_COMPARED, len(names)), is_drawn)
     if any(map(_performs, systems)) and (request.planning.plan is None or request.planning.style):
-        words.begin(speech.waveform)  # plans are sampled from words, which are needed first
-        words.wait(run.raise_if_cancelled)
+        transcript_loader.begin(
+            speech.waveform
+        )  # plans are sampled from words, which are needed first
+        transcript_loader.wait(run.raise_if_cancelled)
 
     def filter_and_write(name: str, raw: Motion) -> tuple[Motion, Motion]:
         shown = apply_post_filter(raw, post_filter)
@@ -108,11 +112,13 @@ def generate_motions(
     recording = request.live_recording
     if recording is None:
         making = {
-            system.name: _pieces_of(system, speech, options[system.name], words, wish, run)
+            system.name: _pieces_of(
+                system, speech, options[system.name], transcript_loader, wish, run
+            )
             for system in systems
         }
         made = _generate_in_turns(
-            making, speech.num_frames, run, filter_and_write, post_filter == "none"
+            making, speech.num_motion_frames, run, filter_and_write, post_filter == "none"
         )
     else:
         name = systems[0].name
@@ -121,7 +127,9 @@ def generate_motions(
         run.add_notes(LIVE_NOTE)
         run.report_progress("motion", 1.0)
         made = {name: filter_and_write(name, load_motion(recording.motion))}
-    words.begin(speech.waveform)  # in parallel with metrics and pictures, after the motions
+    transcript_loader.begin(
+        speech.waveform
+    )  # in parallel with metrics and pictures, after the motions
     staged = {name: motion for name, (_, motion) in made.items()} | shown
     version = version_after_post_filter(post_filter)
     is_pictured = request.output.has_video or request.output.has_figures
@@ -131,15 +139,17 @@ def generate_motions(
         motions={name: raw for name, (raw, _) in made.items()} | recorded,
         viewer_motions=staged,
         figure_motions={name: staged[name] for name in fitting},
-        timeline=make_timeline(speech, staged | recorded, version, tip, request.sampling.weights),
+        timeline=make_timeline(
+            speech, staged | recorded, version, tracker, request.sampling.weights
+        ),
         body=body,
-        tracked_point=tip,
+        tracker=tracker,
         audio_path=sound,
         onsets_s=cached_speech_onsets(speech),
         windows=_windows(request, systems),
         provenance=make_provenance(request, speech, systems, options, body, backend),
         align=align_to_origin,
-        clip=printable(request.speech.path.stem),
+        speech_name=printable(request.speech.path.stem),
     )
 
 
@@ -160,12 +170,7 @@ def _generate_in_turns(
     """Generate one window of each system in turn, so that all bodies start early and keep pace.
 
     Args:
-        making: iterators over the motion pieces, by system.
         filter_and_write: writes a whole motion, and returns it raw and filtered.
-        is_published: whether windows are published as they are generated.
-
-    Returns:
-        Each row's motion, raw and filtered.
     """
     parts: dict[str, dict[str, list[Motion]]] = {name: {} for name in making}
     shares = dict.fromkeys(making, 0.0)
@@ -173,7 +178,7 @@ def _generate_in_turns(
 
     def generate_piece(name: str) -> None:
         piece = next(making[name])
-        for sample, motion in enumerate(piece.motions, start=piece.first_sample + 1):
+        for sample, motion in enumerate(piece.motions, start=piece.first_index + 1):
             row = str(SampleName(name, sample))
             parts[name].setdefault(row, []).append(motion)
             if is_published:
@@ -201,17 +206,13 @@ def _pieces_of(
     system: System,
     speech: Speech,
     options: GenerateOptions,
-    words: TranscriptLoader,
+    transcript_loader: TranscriptLoader,
     wish: StyleChange | None,
     run: RunWriter,
 ) -> Iterator[MotionPiece]:
-    """Yield the motion pieces of a system; gesture plans are written first if it uses them.
-
-    Args:
-        wish: style that is applied to every plan.
-    """
+    """Yield a system's motion pieces; its plans, with ``wish`` applied, are written first."""
     if _performs(system):
-        transcript, _ = words.wait(run.raise_if_cancelled)
+        transcript, _ = transcript_loader.wait(run.raise_if_cancelled)
         plans = options.conditions
         if not plans:
             plans = draw_conditions(system, speech, replace(options, words=transcript.words))
@@ -265,23 +266,19 @@ def _load_systems(request: GenerateRequest) -> tuple[System, ...]:
 
 
 def generation_options(sampling: SamplingOptions, system: System, **more: Any) -> GenerateOptions:
-    """Return the generation options of one system, with its defaults where it lacks an option.
-
-    Args:
-        more: fields that are not in ``sampling``, or override it.
-    """
+    """Return options of a system, its defaults where it lacks one; ``more`` overrides them."""
     steps = steps_for(sampling.steps, system.name)
     sampling_of_system = Sampling(sampler=sampling.sampler, steps=steps, guidance=sampling.guidance)
     drawn = vars(system.resolve_sampling(system.supported_sampling(sampling_of_system)))
     speaker = sampling.speaker or next(iter(system.speakers))
-    usual = {"speaker": speaker, "seed": sampling.seed, "samples": sampling.samples, **drawn}
+    usual = {"speaker": speaker, "seed": sampling.seed, "num_samples": sampling.samples, **drawn}
     return GenerateOptions(**{**usual, **more})
 
 
-def load_first_seconds(path: Path, longest_s: float, max_s: float) -> Speech:
-    """Load a speech, cut to a maximum length."""
-    whole = load_speech(path, SpeechLimits(max_s=max_s))
-    return replace(whole, waveform=whole.waveform[: int(longest_s * SAMPLE_RATE)])
+def load_first_seconds(path: Path, first_s: float, max_speech_s: float) -> Speech:
+    """Load the first ``first_s`` of a speech, which is refused if longer than ``max_speech_s``."""
+    whole = load_speech(path, SpeechReadOptions(max_s=max_speech_s))
+    return replace(whole, waveform=whole.waveform[: int(first_s * SAMPLE_RATE)])
 
 
 def _plan_for(path: Path, speech: Speech) -> PlanResult:
@@ -330,9 +327,13 @@ def _options(
         if sampler not in (None, own.sampler):
             run.add_notes(f"{system.name} has no sampler {sampler}; it used {own.sampler}.")
         if guidance not in (None, own.guidance):
-            run.add_notes(f"{system.name} does not support guidance.")
+            run.add_notes(
+                f"{system.name} does not support guidance; the guidance scale does not apply to it."
+            )
         if (plans or style) and not performs:
-            run.add_notes(f"{system.name} does not use gesture plans.")
+            run.add_notes(
+                f"{system.name} does not use gesture plans; plan and style do not apply to it."
+            )
         options[system.name] = own
     return options
 
@@ -346,17 +347,18 @@ def _read_reference(request: GenerateRequest, speech: Speech, run: RunWriter) ->
     read = read_any_motion(path, overrides, request.video.body, REFERENCE_NAME)
     run.add_notes(*read.notes)
     motion = read.motion
-    if motion.num_frames != speech.num_frames:
-        is_longer = motion.num_frames > speech.num_frames
+    if motion.num_frames != speech.num_motion_frames:
+        is_longer = motion.num_frames > speech.num_motion_frames
         run.add_notes(
-            f"The reference has {motion.num_frames} frames and the speech {speech.num_frames}; "
+            f"The reference has {motion.num_frames} frames and the speech "
+            f"{speech.num_motion_frames}; "
             + (
-                f"the reference was cut to {speech.num_frames}."
+                f"the reference was cut to {speech.num_motion_frames}."
                 if is_longer
                 else "after the reference ends, the comparison video repeats its last frame."
             )
         )
-    return {REFERENCE_NAME: first_frames(motion, speech.num_frames)}
+    return {REFERENCE_NAME: first_frames(motion, speech.num_motion_frames)}
 
 
 def _needed_bytes(request: GenerateRequest, num_frames: int, num_systems: int) -> int:
@@ -365,7 +367,7 @@ def _needed_bytes(request: GenerateRequest, num_frames: int, num_systems: int) -
     motion_bytes = (4 * 268 + 504) * num_frames  # npz file, and frames for the browser
     # Pictures and close-ups (half a body's height) are in the comparison, too.
     video = request.video
-    pixels = video.size**2 * (len(video.views) + len(video.close_ups) / 2) * 2
+    pixels = video.picture_height_px**2 * (len(video.views) + len(video.close_ups) / 2) * 2
     video_bytes = 0.012 * pixels * num_frames if request.output.has_video else 0.0
     return int(1.5 * count * (motion_bytes + video_bytes) + 10e6)
 
@@ -373,7 +375,7 @@ def _needed_bytes(request: GenerateRequest, num_frames: int, num_systems: int) -
 MAX_SPEECH_S = 3600.0
 
 
-def is_motion_file(path: Path) -> bool:
+def has_motion_suffix(path: Path) -> bool:
     """Check whether a file has the suffix of a motion."""
     return path.suffix.lower() in ENDINGS
 
@@ -381,11 +383,7 @@ def is_motion_file(path: Path) -> bool:
 def write_plan_from_motion(
     motion: Path, out: Path, overrides: ImportOverrides | None = None
 ) -> list[str]:
-    """Detect the gesture plan of a motion, write it, and return notes on how the motion was read.
-
-    Raises:
-        MotionError, PlanError, WriteError: each with one sentence.
-    """
+    """Detect and write a motion's plan; return notes; raises MotionError, PlanError, WriteError."""
     check_plan_suffix(out)
     (overrides or ImportOverrides()).check_files_exist([motion])
     read = read_any_motion(motion, overrides)
@@ -393,7 +391,7 @@ def write_plan_from_motion(
     return list(read.notes)
 
 
-def make_plan(request: PlanRequest) -> PlanResult:
+def write_plan_from_speech(request: PlanRequest) -> PlanResult:
     """Sample a gesture plan from speech and write it; return it with notes on its style.
 
     An empty plan has the length of the speech and no events.
@@ -404,20 +402,22 @@ def make_plan(request: PlanRequest) -> PlanResult:
     """
     request.check()
     check_plan_suffix(request.out)
-    if request.is_empty and request.style is not None:
+    if request.writes_empty_plan and request.style is not None:
         raise RunError("An empty plan cannot have a style; remove one of the two options.")
     sound = request.speech.path
-    speech = load_speech(sound, SpeechLimits(max_s=MAX_SPEECH_S, channel=request.speech.channel))
-    if request.is_empty:
+    speech = load_speech(
+        sound, SpeechReadOptions(max_s=MAX_SPEECH_S, channel=request.speech.channel)
+    )
+    if request.writes_empty_plan:
         plan = GesturePlan(speech.duration_s)
         write_plan_file(plan, request.out, sound)
         return PlanResult(plan, speech.notes)
     wish = None if request.style is None else read_style_file(request.style)
-    system = get_system(default_planner(), request.weights)
-    with TranscriptLoader(request.speech.transcript, request.speech.words) as words:
+    system = get_system(default_planning_system(), request.weights)
+    with TranscriptLoader(request.speech.transcript, request.speech.word_source) as words:
         words.begin(speech.waveform)
         transcript, notes = words.wait(lambda: None)
-    sampling = replace(request.sampling, seed=clip_seed(request.seed, speech.sha256))
+    sampling = replace(request.sampling, seed=noise_seed_of_clip(request.seed, speech.sha256))
     (plan,) = draw_conditions(
         system, speech, generation_options(sampling, system, words=transcript.words)
     )

@@ -14,7 +14,7 @@ from app.run.bodies import (
     FOOT_JOINT_HEIGHT_M,
     align_and_cut_motions,
     body_motion,
-    make_tracked_point,
+    make_point_tracker,
 )
 from app.run.diagnostics import cached_speech_onsets, check_figure6
 from app.run.models import get_body
@@ -47,7 +47,7 @@ from model.metrics.protocols.semantics import read_semantics
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import track_points
-from model.speech.audio import Speech, SpeechLimits, load_speech
+from model.speech.audio import Speech, SpeechReadOptions, load_speech
 from renderer.body.body import Body
 
 NO_SPEECH = (
@@ -55,16 +55,20 @@ NO_SPEECH = (
 )
 
 
-def import_motions(request: DiagnoseRequest, words: TranscriptLoader, run: RunWriter) -> RunMotions:
+def import_motions(
+    request: DiagnoseRequest, transcript_loader: TranscriptLoader, run: RunWriter
+) -> RunMotions:
     """Read the imported motions, show them in the viewer, and return the rows of the run.
 
     Raises:
         RunError, SpeechError, MotionError, BodyError, WriteError: each with one sentence.
     """
     if request.metrics.mean_speeds is not None and request.speech.path is None:
-        raise RunError("Mean joint speeds are only used together with speech; also give --speech.")
+        raise RunError(
+            "Mean joint speeds are used only for BeatAlign, which needs speech; also give --speech."
+        )
     body = get_body(request.video.body)
-    tip = make_tracked_point(request.video.body, request.joint)
+    tracker = make_point_tracker(request.video.body, request.tracked_point)
     files = _files_of(request)
     readings = _read_motions(request, files, run)
     motions = {name: each.motion for name, each in readings.items()}
@@ -72,14 +76,14 @@ def import_motions(request: DiagnoseRequest, words: TranscriptLoader, run: RunWr
     shown = _visible_motions(request, motions)
     shortest = min(motion.num_frames for motion in motions.values())
     check_figure6(request.figures, shortest, len(shown), request.output.has_figures)
-    limits = SpeechLimits(channel=request.speech.channel)
-    speech = None if request.speech.path is None else load_speech(request.speech.path, limits)
+    options = SpeechReadOptions(channel=request.speech.channel)
+    speech = None if request.speech.path is None else load_speech(request.speech.path, options)
     notes = assumption_difference_notes(readings) + [
         note for each in readings.values() for note in each.notes
     ]
     is_first_track = speech is None or (request.speech.channel is None and speech.track == 0)
     if speech is not None:
-        words.begin(speech.waveform)
+        transcript_loader.begin(speech.waveform)
         durations = {name: motion.duration_s for name, motion in motions.items()}
         rates = {name: each.source_fps for name, each in readings.items()}
         notes += [*speech.notes, *length_notes(speech.duration_s, durations, rates)]
@@ -90,10 +94,12 @@ def import_motions(request: DiagnoseRequest, words: TranscriptLoader, run: RunWr
         if request.motions.source_run is None
         else row_files(request.motions.source_run, "input_plan")
     )
-    timeline = run.write_viewer_files(staged, speech, tip, request.metrics.weights, plans)
+    timeline = run.write_motions_and_make_timeline(
+        staged, speech, tracker, request.metrics.weights, plans
+    )
     run.add_notes(*cut_notes)
     for row in run.record.rows:
-        row.file_suffix = safe_suffix(files[row.name])
+        row.source_suffix = safe_suffix(files[row.name])
     if len(shown) < len(motions) and not request.motions.visible:
         run.add_notes(
             f"The figures show only the first {MAX_COMPARED} motions; others can be chosen "
@@ -105,11 +111,13 @@ def import_motions(request: DiagnoseRequest, words: TranscriptLoader, run: RunWr
         figure_motions={name: _on_the_floor(motion) for name, motion in shown.items()},
         timeline=timeline,
         body=body,
-        tracked_point=tip,
+        tracker=tracker,
         audio_path=request.speech.path if is_first_track else run.folder.current_path(HEARD),
         onsets_s=None if speech is None else cached_speech_onsets(speech),
         speech_bands=None if speech is None else speech_bands_by_frame(speech.waveform),
-        inputs=protocol_inputs(request, speech, max(each.num_frames for each in motions.values())),
+        protocol_inputs=protocol_inputs(
+            request, speech, max(each.num_frames for each in motions.values())
+        ),
         windows=windows,
         notes=tuple(notes),
         imported_files=readings,
@@ -119,19 +127,17 @@ def import_motions(request: DiagnoseRequest, words: TranscriptLoader, run: RunWr
 def protocol_inputs(
     request: DiagnoseRequest, speech: Speech | None, num_frames: int
 ) -> ProtocolInputs:
-    """Read the inputs of published protocols from the files of a request.
-
-    Raises:
-        MotionError, BodyError: for other files.
-    """
+    """Read inputs of published protocols from a request's files; raises MotionError, BodyError."""
     metrics, path = request.metrics, request.video.body
     return ProtocolInputs(
         waveform=None if speech is None else speech.waveform,
-        mean_speeds=None if metrics.mean_speeds is None else read_mean_speeds(metrics.mean_speeds),
+        published_mean_speeds=None
+        if metrics.mean_speeds is None
+        else read_mean_speeds(metrics.mean_speeds),
         semantics=None
         if metrics.semantics is None
         else read_semantics(metrics.semantics, num_frames),
-        face_vertices=None if path is None else partial(_face_vertices, get_body(path)),
+        make_face_vertices=None if path is None else partial(_face_vertices, get_body(path)),
     )
 
 
@@ -146,15 +152,11 @@ def _face_vertices(body: Body, motion: Motion) -> FaceVertices | None:
     poses = np.zeros_like(motion.poses)
     poses[:, jaw] = motion.poses[:, jaw]
     still = replace(motion, poses=poses, trans=np.zeros_like(motion.trans))
-    return lambda frames: np.concatenate(list(body.vertices(body_motion(still.part(frames)))))
+    return lambda frames: np.concatenate(list(body.posed_vertices(body_motion(still.part(frames)))))
 
 
 def _visible_motions(request: DiagnoseRequest, motions: Mapping[str, Motion]) -> dict[str, Motion]:
-    """Return the motions to show in figures, at most as many as fit, including the reference.
-
-    Raises:
-        RunError: if a requested name does not exist, or too many are requested.
-    """
+    """Return the motions in figures, as many as fit, with the reference; may raise RunError."""
     others = [name for name in motions if name != REFERENCE_NAME]
     limit = MAX_COMPARED - (REFERENCE_NAME in motions)
     visible = dict.fromkeys(map(printable, request.motions.visible))
@@ -216,11 +218,11 @@ def _read_motions(
 
 
 def _check_frames(request: DiagnoseRequest, motions: Iterable[Motion]) -> None:
-    count, limit = sum(motion.num_frames for motion in motions), request.motions.max_frames
+    count, limit = sum(motion.num_frames for motion in motions), request.motions.max_total_frames
     if limit is not None and count > limit:
         raise RunError(
-            f"The files together have more than {limit} frames ({limit / 1800:.0f} minutes), which "
-            "is the limit here; remove some."
+            f"Together, the files exceed the limit of {limit:,} frames ({limit / 1800:.0f} "
+            "minutes); remove some."
         )
 
 
@@ -231,7 +233,7 @@ def adjusted_for_imports(measured: Diagnostics, run_motions: RunMotions) -> Diag
         measured,
         notes=[*run_motions.notes, *measured.notes],
         systems={
-            name: each.without_missing_parts(readings[name].missing_parts)
+            name: each.without_protocols_of(readings[name].missing_parts)
             for name, each in measured.systems.items()
         },
         findings={
@@ -259,17 +261,15 @@ def _in_step(findings: Iterable[Finding]) -> Iterator[Assumption]:
 
 
 def _windows(request: DiagnoseRequest, motions: Iterable[str]) -> dict[str, Windowing]:
-    """Return the windows that the user specified, by motion.
-
-    Raises:
-        RunError: for impossible windows.
-    """
-    if request.motions.window is None:
-        if request.motions.overlap:
+    """Return the windows that the user specified, by motion; raises RunError if impossible."""
+    if request.motions.generation_window_frames is None:
+        if request.motions.window_overlap_frames:
             raise RunError("An overlap needs a window length; also give --window.")
         return {}
     try:
-        windows = Windowing(request.motions.window, request.motions.overlap)
+        windows = Windowing(
+            request.motions.generation_window_frames, request.motions.window_overlap_frames
+        )
     except ValueError as error:
         raise RunError(str(error)) from error
     return dict.fromkeys(motions, windows)

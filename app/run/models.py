@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from conventions.views import BODY_LOOKS
 from model.speech.librosa_cache import import_in_background
-from model.storage.files import FileVersions, file_versions
-from model.systems.registry import list_systems, load_system, system_files
+from model.storage.files import FileStamps, file_stamps
+from model.systems.registry import list_systems, load_system, possible_system_files
 from processes.pool import JobPool
 
 if TYPE_CHECKING:
@@ -29,33 +29,25 @@ _LOADING = threading.Lock()  # warm-up and first visitor must not load the same 
 
 
 def get_system(name: str, weights: Path) -> System:
-    """Return a system by name, loading it at its first use and when its files have changed.
-
-    Raises:
-        UnknownNameError, CheckpointError, FamilyError: see `model.systems.registry.load_system`.
-    """
+    """Return a system, loaded again when its files have changed; raises as `load_system`."""
     with _LOADING:
-        return _load_system(name, weights, file_versions(system_files(name, weights)))
+        return _load_system(name, weights, file_stamps(possible_system_files(name, weights)))
 
 
 def get_body(path: Path | None, look: str = BODY_LOOKS[0]) -> Body:
-    """Return the open body in a look, or the SMPL-X body of a file, loading it at its first use.
-
-    Raises:
-        BodyError: if the file is not a body, or there is no such look.
-    """
+    """Return the open body in a look, or the one in a file, loaded once; raises BodyError."""
     with _LOADING:
-        return _load_body(path, look, file_versions([path] if path else []))
+        return _load_body(path, look, file_stamps([path] if path else []))
 
 
 @functools.lru_cache(maxsize=16)
-def _load_system(name: str, weights: Path, versions: FileVersions) -> System:
+def _load_system(name: str, weights: Path, stamps: FileStamps) -> System:
     import_in_background()  # what encodes speech for it
     return load_system(name, weights)
 
 
 @functools.lru_cache(maxsize=4)
-def _load_body(path: Path | None, look: str, versions: FileVersions) -> Body:
+def _load_body(path: Path | None, look: str, stamps: FileStamps) -> Body:
     from renderer.body.body import load_body
 
     return load_body(path, look)
@@ -75,7 +67,7 @@ def warm_up_in_steps(weights: Path, body: Path | None) -> Iterator[None]:
     import numpy as np
 
     from conventions.rates import SAMPLE_RATE
-    from model.generation.family import FamilyError
+    from model.generation.family import FamilyUnavailableError
     from model.generation.windows import GenerateOptions, generate_motion
     from model.speech.audio import Speech
     from renderer.body.lod import select_lod
@@ -86,7 +78,9 @@ def warm_up_in_steps(weights: Path, body: Path | None) -> Iterator[None]:
     for name in list_systems(weights):
         try:
             system = get_system(name, weights)
-        except FamilyError as error:  # of another package; reported when the system is used
+        except (
+            FamilyUnavailableError
+        ) as error:  # of another package; reported when the system is used
             log.warning("%s", error)
             continue
         options = GenerateOptions(speaker=next(iter(system.speakers)), steps=1)

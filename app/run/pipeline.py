@@ -20,7 +20,7 @@ from typing import TypeVar
 from app import text
 from app.errors import RunError
 from app.findings.sentences import figure_sentences
-from app.run.bodies import align_and_cut_motions, body_motion, make_tracked_point
+from app.run.bodies import align_and_cut_motions, body_motion, make_point_tracker
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.diagnostics import (
     check_figure6,
@@ -34,7 +34,7 @@ from app.run.imported_motions import NO_SPEECH, adjusted_for_imports, import_mot
 from app.run.models import get_body, rendering_unavailable_reason
 from app.run.output.provenance import NONE, PROVENANCE, SPEECH, run_title, settings_summary
 from app.run.output.run_folder import RunRecord, read_run, row_files, truncate
-from app.run.requests.convert import request_json
+from app.run.requests.convert import public_fields
 from app.run.requests.parts import FigureOptions, VideoOptions
 from app.run.requests.requests import (
     AnyRun,
@@ -50,7 +50,7 @@ from app.run.videos.videos import (
     Snapshots,
     choose_compared_motions,
     composing_comparison_video,
-    draw_poses,
+    draw_snapshots,
     render_row_videos,
 )
 from conventions.names import REFERENCE_NAME, pluralise, printable
@@ -72,7 +72,7 @@ _POSES = 0.6
 """Share of the figures' progress bar for rendering the poses."""
 Request = TypeVar("Request", bound=RunRequest)
 MEASURED = "Measured {motions}."
-OPENED = "The run was opened from its file, and its {motions} were measured again."
+OPENED = "Opened the run from its file and measured {motions} again."
 
 
 def generate(request: GenerateRequest, callbacks: RunCallbacks = NO_CALLBACKS) -> RunResult:
@@ -88,19 +88,19 @@ def generate(request: GenerateRequest, callbacks: RunCallbacks = NO_CALLBACKS) -
     """
     started = time.monotonic()
     request.check()
-    with _open_run(request, request.speech.transcript, callbacks) as (run, words):
+    with _open_run(request, request.speech.transcript, callbacks) as (run, transcript_loader):
         request = _without_unavailable_pictures(request, run)
-        motions = generate_motions(request, words, run)
-        _show(motions, words, run)
+        motions = generate_motions(request, transcript_loader, run)
+        _show(motions, transcript_loader, run)
         diagnostics = _measure(motions, run)
         _publish_metrics(diagnostics, run)
-        motions = _mark_snaps(motions, diagnostics, words, run)
+        motions = _mark_snaps(motions, diagnostics, transcript_loader, run)
         run.detect_plans(motions.viewer_motions)
         _render_videos(request, motions, run)
         with _comparison(request, motions, run):
             poses = request.video if request.output.has_video else _small(request.video)
             _draw_figures(request, motions, diagnostics, poses, run)
-        transcript = _wait_for_words(motions, words, run)
+        transcript = _wait_for_words(motions, transcript_loader, run)
         run.add_files(*write_diagnostics(diagnostics, run.folder, transcript))
         _write_provenance(motions, transcript, run)
         run.finish(_generated_sentence(request, motions, time.monotonic() - started))
@@ -112,19 +112,19 @@ def diagnose(request: DiagnoseRequest, callbacks: RunCallbacks = NO_CALLBACKS) -
     request.check()
     source = request.motions.source_run
     transcript = read_transcript_of_run(source) if source else request.speech.transcript
-    with _open_run(request, transcript, callbacks) as (run, words):
-        if words.needs_speech and request.speech.path is None:
+    with _open_run(request, transcript, callbacks) as (run, transcript_loader):
+        if transcript_loader.needs_speech and request.speech.path is None:
             raise RunError(NO_SPEECH)
         request = _without_unavailable_pictures(request, run)
-        motions = import_motions(request, words, run)
-        _show(motions, words, run)
+        motions = import_motions(request, transcript_loader, run)
+        _show(motions, transcript_loader, run)
         diagnostics = adjusted_for_imports(_measure(motions, run), motions)
         _publish_metrics(diagnostics, run)
-        motions = _mark_snaps(motions, diagnostics, words, run)
+        motions = _mark_snaps(motions, diagnostics, transcript_loader, run)
         run.detect_plans(motions.viewer_motions)
         _render_videos(request, motions, run)
         _draw_figures(request, motions, diagnostics, _small(request.video), run)
-        transcript = _wait_for_words(motions, words, run)
+        transcript = _wait_for_words(motions, transcript_loader, run)
         run.add_files(*write_diagnostics(diagnostics, run.folder, transcript))
         run.finish(_measured_sentence(request, motions))
         return RunResult(request.output.out, diagnostics, tuple(run.notes), transcript)
@@ -144,12 +144,12 @@ def _open_run(
     _return_large_blocks()
     output = request.output
     with (
-        TranscriptLoader(transcript, request.speech.words) as words,
+        TranscriptLoader(transcript, request.speech.word_source) as transcript_loader,
         open_run_writer(
             output.out, make_run_record(request), callbacks, is_incremental=output.is_incremental
         ) as run,
     ):
-        yield run, words
+        yield run, transcript_loader
 
 
 def make_run_record(request: RunRequest) -> RunRecord:
@@ -158,9 +158,9 @@ def make_run_record(request: RunRequest) -> RunRecord:
     run = RunRecord(
         kind="generated" if is_generated else "imported",
         title=truncate(run_title(request)),
-        request=request_json(request),
+        request=public_fields(request),
         settings={key: truncate(value) for key, value in settings_summary(request).items()},
-        point=request.joint,
+        tracked_point=request.tracked_point,
     )
     if isinstance(request, DiagnoseRequest) and request.motions.source_run is not None:
         before = read_run(request.motions.source_run)
@@ -175,18 +175,18 @@ def make_run_record(request: RunRequest) -> RunRecord:
 def _without_unavailable_pictures(request: Request, run: RunWriter) -> Request:
     """Disable videos and poses if OpenGL does not work; nothing else needs it."""
     output = request.output
-    if output.has_video or (output.has_poses and output.has_figures):
+    if output.has_video or (output.has_figure_poses and output.has_figures):
         reason = rendering_unavailable_reason()
         if reason:
             run.add_notes(reason)
-            output = replace(output, has_video=False, has_poses=False)
+            output = replace(output, has_video=False, has_figure_poses=False)
     run.report_progress("speech", 0.0)
     return replace(request, output=output)
 
 
-def _show(motions: RunMotions, words: TranscriptLoader, run: RunWriter) -> None:
+def _show(motions: RunMotions, transcript_loader: TranscriptLoader, run: RunWriter) -> None:
     """Write the timeline for the viewer, and notes on what the body cannot show."""
-    run.write_timeline(motions.timeline, words.provided)
+    run.write_timeline(motions.timeline, transcript_loader.provided)
     run.add_notes(*motions.body.remarks)
     for name, motion in motions.viewer_motions.items():
         run.add_notes(
@@ -199,28 +199,31 @@ def _measure(motions: RunMotions, run: RunWriter) -> Diagnostics:
     on_share(0.0)
     return measure_motions(
         motions.motions,
-        motions.tracked_point,
+        motions.tracker,
         motions.onsets_s,
         on_share,
         motions.windows,
         speech_bands=motions.speech_bands,
-        inputs=motions.inputs,
+        protocol_inputs=motions.protocol_inputs,
     )
 
 
 def _publish_metrics(diagnostics: Diagnostics, run: RunWriter) -> None:
     run.add_notes(*diagnostics.notes)
     run.report_progress("numbers", 1.0)
-    run.write_metrics(diagnostics)
+    run.record_metrics(diagnostics)
 
 
 def _mark_snaps(
-    motions: RunMotions, diagnostics: Diagnostics, words: TranscriptLoader, run: RunWriter
+    motions: RunMotions,
+    diagnostics: Diagnostics,
+    transcript_loader: TranscriptLoader,
+    run: RunWriter,
 ) -> RunMotions:
     """Mark in the timeline where motions snap."""
     timeline = with_snaps(motions.timeline, diagnostics.findings)
     if timeline != motions.timeline:
-        run.write_timeline(timeline, words.provided)
+        run.write_timeline(timeline, transcript_loader.provided)
     return replace(motions, timeline=timeline)
 
 
@@ -233,7 +236,7 @@ def _render_videos(request: RunRequest, motions: RunMotions, run: RunWriter) -> 
         {name: motions.align(motion) for name, motion in motions.viewer_motions.items()},
         request.video,
         motions.body,
-        motions.tracked_point,
+        motions.tracker,
         on_share,
         run.folder,
         motions.audio_path,
@@ -253,7 +256,7 @@ def _comparison(
 
 def _small(video: VideoOptions) -> VideoOptions:
     """Return the render options for the poses in figures when no videos are rendered."""
-    return replace(video, size=POSES_PX, views=("front",))
+    return replace(video, picture_height_px=POSES_PX, views=("front",))
 
 
 def _draw_figures(
@@ -269,19 +272,20 @@ def _draw_figures(
     snapshots = _draw_poses(request, motions, poses, run)
     on_share = run.progress_callback("figure")
     on_share(_POSES)
-    drawn, tip, clip = motions.figure_motions, motions.tracked_point, motions.clip
+    drawn, tracker, speech = motions.figure_motions, motions.tracker, motions.speech_name
     post_filter = request.sampling.post_filter if isinstance(request, GenerateRequest) else None
-    figures, forms = request.figures, request.figures.figure_forms
+    figures, formats = request.figures, request.figures.figure_formats
     contents = make_figure6(
-        drawn, snapshots, tip, figures, clip, run.raise_if_cancelled, post_filter
+        drawn, snapshots, tracker, figures, speech, run.raise_if_cancelled, post_filter
     )
-    run.write_figure("figure6", contents, contents.caption, forms)
+    run.write_figure("figure6", contents, contents.caption, formats)
     on_share((_POSES + 1) / 2)
     systems = [name for name in drawn if name != REFERENCE_NAME]
-    sheet, sentences = make_jitter_sheet(diagnostics, tip, systems), figure_sentences(diagnostics)
+    sheet = make_jitter_sheet(diagnostics, tracker, systems)
+    sentences = figure_sentences(diagnostics)
     trajectory_text = f"{sentences['trajectory']} {sentences['depth']}"
-    caption = jitter_sheet_caption(sheet, clip, trajectory_text)
-    run.write_figure("jitter", sheet, caption, forms)
+    caption = jitter_sheet_caption(sheet, speech, trajectory_text)
+    run.write_figure("jitter", sheet, caption, formats)
     run.report_progress("figure", 1.0)
 
 
@@ -291,11 +295,11 @@ def _draw_poses(
     """Render the poses of Figure 6; without poses, only the frames are chosen."""
     figures = request.figures
     frames = snapshot_frames(motions.figure_motions, figures)
-    if not request.output.has_poses or "b" not in figures.figure_panels:
+    if not request.output.has_figure_poses or "b" not in figures.figure_panels:
         return Snapshots(frames)
     placed = {name: motions.align(motion) for name, motion in motions.figure_motions.items()}
     on_share = run.progress_callback("figure", _POSES)
-    return draw_poses(placed, video, motions.body, on_share, frames)
+    return draw_snapshots(placed, video, motions.body, on_share, frames)
 
 
 def snapshot_frames(motions: Mapping[str, Motion], figures: FigureOptions) -> tuple[int, ...]:
@@ -326,12 +330,14 @@ def redraw_figure6(
     if "b" in figures.figure_panels and not rendering_unavailable_reason():
         placed, video = align_and_cut_motions(motions)[0], _small(VideoOptions(body=request.body))
         on_share = callbacks.progress_callback("figure", _POSES)
-        snapshots = draw_poses(placed, video, get_body(request.body), on_share, snapshots.frames)
+        snapshots = draw_snapshots(
+            placed, video, get_body(request.body), on_share, snapshots.frames
+        )
     is_generated, is_raw = record.kind == "generated", record.settings.get("filter") == NONE
     contents = make_figure6(
         motions,
         snapshots,
-        make_tracked_point(request.body, record.point),
+        make_point_tracker(request.body, record.tracked_point),
         figures,
         record.settings.get(SPEECH, "") if is_generated else "",
         callbacks.raise_if_cancelled,
@@ -339,20 +345,22 @@ def redraw_figure6(
     )
     caption = f"{contents.caption} {PROTOCOL_CAPTION}"
     draw = partial(draw_figure6, contents)
-    return save_figure(draw, request.out, caption, figures.figure_forms)
+    return save_figure(draw, request.out, caption, figures.figure_formats)
 
 
-def _wait_for_words(motions: RunMotions, words: TranscriptLoader, run: RunWriter) -> Transcript:
+def _wait_for_words(
+    motions: RunMotions, transcript_loader: TranscriptLoader, run: RunWriter
+) -> Transcript:
     """Return the transcript, with the recognised words added to the timeline."""
-    transcript, notes = words.wait(run.raise_if_cancelled)
+    transcript, notes = transcript_loader.wait(run.raise_if_cancelled)
     run.add_notes(*notes)
-    if transcript.origin != words.provided.origin:
+    if transcript.origin != transcript_loader.provided.origin:
         run.write_timeline(motions.timeline, transcript)
     return transcript
 
 
 def _write_provenance(motions: RunMotions, transcript: Transcript, run: RunWriter) -> None:
-    path = run.folder.path(PROVENANCE)
+    path = run.folder.new_path(PROVENANCE)
     count = len(transcript.words)
     words = {"origin": transcript.origin, "count": count} if count else None
     speech = {**motions.provenance["speech"], "words": words}

@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Float32
 
 from app.errors import Cancelled, message_for_user
-from app.findings.metric_table import incomparable_parts, metric_values
+from app.findings.metric_table import metric_values, parts_others_have
 from app.findings.sentences import figure_sentences
 from app.findings.verdict import make_verdict
-from app.run.bodies import RootTransform, TrackedPoint, root_transform_of
+from app.run.bodies import PointTracker, RootTransform, alignment_to_origin
 from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks
 from app.run.frame_packets import MAX_FRAMES, frames_message
 from app.run.output.result_folder import ResultFolder
@@ -37,11 +37,7 @@ from app.run.output.run_folder import (
     truncate,
     viewer_file_name,
 )
-from app.run.timeline import (
-    make_timeline,
-    padded_waveform,
-    transcript_tiers,
-)
+from app.run.timeline import make_timeline, padded_waveform, transcript_tiers
 from conventions.names import (
     FILTER_VERSIONS,
     REFERENCE_NAME,
@@ -79,7 +75,7 @@ class _GrowingMotion:
 
     path: Path
     root_transform: RootTransform | None
-    is_fixed: bool
+    is_alignment_fixed: bool
     parts: list[Motion] = field(default_factory=list)
     num_written: int = 0
     aligned_at_frame: int = 0
@@ -87,8 +83,8 @@ class _GrowingMotion:
     def current_transform(self, num_frames: int) -> RootTransform:
         """Return the alignment of the motion, computed anew as it grows and at its end."""
         is_due = self.num_written >= min(_GROWN * self.aligned_at_frame, num_frames)
-        if self.root_transform is None or (is_due and not self.is_fixed):
-            self.root_transform = root_transform_of(concatenate(self.parts))
+        if self.root_transform is None or (is_due and not self.is_alignment_fixed):
+            self.root_transform = alignment_to_origin(concatenate(self.parts))
             self.aligned_at_frame = self.num_written
         return self.root_transform
 
@@ -105,7 +101,7 @@ class RunMotions:
     """Motions in figures, as many as fit."""
     timeline: dict[str, Any]
     body: Body
-    tracked_point: TrackedPoint
+    tracker: PointTracker
     audio_path: Path | None
     """Audio of videos; None without speech."""
     onsets_s: np.ndarray | None
@@ -114,7 +110,7 @@ class RunMotions:
     speech_bands: np.ndarray | None = None
     """Log-mel bands of the speech per motion frame (T, bands), for estimating the lag of imported
     motions; None without speech."""
-    inputs: ProtocolInputs | None = None
+    protocol_inputs: ProtocolInputs | None = None
     """Further inputs of published protocols."""
     notes: tuple[str, ...] = ()
     """Notes on reading imported motions, added to the metrics."""
@@ -125,7 +121,7 @@ class RunMotions:
 
     align: Callable[[Motion], Motion] = lambda motion: motion
     """Function that aligns a motion for pictures; imported ones are aligned when they are read."""
-    clip: str = ""
+    speech_name: str = ""
     """Name of the speech in captions of figures."""
 
 
@@ -161,7 +157,7 @@ class RunWriter(RunCallbacks):
         self.notes: list[str] = []
         self.folder = folder
         self.record = record
-        self._path = folder.path(RUN, grows=True)
+        self._path = folder.new_path(RUN, grows=True)
         self._growing: dict[str, _GrowingMotion] = {}
         self.write_record()
 
@@ -191,12 +187,7 @@ class RunWriter(RunCallbacks):
         return row
 
     def add_files(self, *paths: Path, row: str = "", kind: RowFileKind | None = None) -> None:
-        """Add complete files to the record.
-
-        Args:
-            row: name of the row that the files belong to.
-            kind: kind of the file in that row.
-        """
+        """Add complete files to the record."""
         of = self.record.row(row)
         for path in paths:
             whole = self.folder.mark_complete(path)
@@ -206,47 +197,45 @@ class RunWriter(RunCallbacks):
                 of.files[kind] = whole
         self.write_record()
 
-    def write_table(self, name: str, content: object, rows: Iterable[Iterable[object]]) -> None:
+    def write_json_and_csv(
+        self, name: str, json_content: object, csv_rows: Iterable[Iterable[object]]
+    ) -> None:
         """Write metrics as JSON and as CSV."""
-        numbers, table = (self.folder.path(f"{name}.{ending}") for ending in ("json", "csv"))
-        numbers.write_text(json.dumps(content, indent=1) + "\n")
-        table.write_text(csv_text(rows), "utf-8", newline="")
+        numbers, table = (self.folder.new_path(f"{name}.{ending}") for ending in ("json", "csv"))
+        numbers.write_text(json.dumps(json_content, indent=1) + "\n")
+        table.write_text(csv_text(csv_rows), "utf-8", newline="")
         self.add_files(numbers, table)
 
     def write_figure(
-        self, name: str, contents: Any, caption: str, forms: Sequence[str] = FIGURE_FORMATS
+        self, name: str, contents: Any, caption: str, formats: Sequence[str] = FIGURE_FORMATS
     ) -> None:
         """Draw a figure of `saved_figures.DRAW_FUNCTIONS` in the requested file formats.
 
         The caption also names the protocol of the numbers.
         If some formats are omitted, the content is saved so that they can be drawn later.
         """
-        stem = self.folder.path(f"{name}.png").with_suffix("")
+        stem = self.folder.new_path(f"{name}.png").with_suffix("")
         caption = f"{caption} {PROTOCOL_CAPTION}"
         files = save_figure(
-            lambda: saved_figures.DRAW_FUNCTIONS[name](contents), stem, caption, forms
+            lambda: saved_figures.DRAW_FUNCTIONS[name](contents), stem, caption, formats
         )
-        if set(forms) != set(FIGURE_FORMATS):
-            path = self.folder.path(viewer_file_name(name, CONTENTS_SUFFIX))
+        if set(formats) != set(FIGURE_FORMATS):
+            path = self.folder.new_path(viewer_file_name(name, CONTENTS_SUFFIX))
             saved_figures.save_figure_contents(path, name, contents, caption)
             self.add_files(path)
-        self.add_files(*(self.folder.path(path.name) for path in files))
+        self.add_files(*(self.folder.new_path(path.name) for path in files))
 
     def append_motion(
         self, name: str, motion: Motion, num_frames: int, aligned_like: Motion | None = None
     ) -> None:
-        """Append frames to the motion of a row, which will have ``num_frames``.
-
-        Args:
-            aligned_like: motion with the alignment to use; by default that of the row's own motion.
-        """
+        """Append frames to a row's motion of ``num_frames``, by default aligned like itself."""
         if num_frames > MAX_FRAMES:
             return
         row = self._row(name)
         if name not in self._growing:
-            path = self.folder.path(viewer_file_name(name, ".frames"), grows=True)
+            path = self.folder.new_path(viewer_file_name(name, ".frames"), grows=True)
             path.unlink(missing_ok=True)
-            root_transform = None if aligned_like is None else root_transform_of(aligned_like)
+            root_transform = None if aligned_like is None else alignment_to_origin(aligned_like)
             self._growing[name] = _GrowingMotion(path, root_transform, aligned_like is not None)
         growing = self._growing[name]
         with growing.path.open("ab") as file:
@@ -259,18 +248,14 @@ class RunWriter(RunCallbacks):
         row.available = FramesAvailable(
             num_ready=growing.num_written,
             num_frames=num_frames,
-            bytes=size,
+            num_bytes=size,
             root_transform=(place.yaw_rad, *place.translation_m),
         )
         self.write_record()
 
     def write_motion(self, name: str, motion: Motion, file_name: str = "") -> None:
-        """Write the whole motion of a row as it is shown.
-
-        Args:
-            file_name: file of the motion; by default one that only the player uses.
-        """
-        path = self.folder.path(file_name or viewer_file_name(name, ".npz"))
+        """Write a row's whole motion as shown, by default to a file that only the player uses."""
+        path = self.folder.new_path(file_name or viewer_file_name(name, ".npz"))
         save_motion(motion, path)
         if name not in self._growing:
             self.append_motion(name, motion, motion.num_frames)
@@ -278,24 +263,24 @@ class RunWriter(RunCallbacks):
 
     def write_audio(self, waveform: Float32[np.ndarray, " N"]) -> Path:
         """Write the sound of the run as 16 kHz WAV."""
-        path = self.folder.path(SPEECH)
+        path = self.folder.new_path(SPEECH)
         write_wav(path, waveform)
         self.record.audio = SPEECH
         self.add_files(path)
         return self.folder.current_path(SPEECH)
 
-    def write_viewer_files(
+    def write_motions_and_make_timeline(
         self,
         motions: Mapping[str, Motion],
         speech: Speech | None,
-        tip: TrackedPoint,
-        weights: Path | None = None,
+        tracker: PointTracker,
+        accent_weights: Path | None = None,
         plans: Mapping[str, Path] | None = None,
     ) -> dict[str, Any]:
-        """Add motions with their sound, silent without speech, and return their timeline.
+        """Write motions with their sound, silent without speech; return their unwritten timeline.
 
         Args:
-            weights: folder of the accent network for the timeline; None omits accents.
+            accent_weights: folder of the accent network for the timeline; None omits accents.
             plans: files of gesture plans that the motions follow, by name.
         """
         self.declare_rows(motions)
@@ -304,13 +289,13 @@ class RunWriter(RunCallbacks):
             self.write_plan(name, read_plan_file((plans or {})[name]).plan)
         for name, motion in motions.items():
             self.write_motion(name, motion)
-        return make_timeline(speech, motions, "raw", tip, weights)
+        return make_timeline(speech, motions, "raw", tracker, accent_weights)
 
     def write_timeline(
         self, timeline: Mapping[str, Any], transcript: Transcript | None = None
     ) -> None:
         """Write the timeline, with a transcript's tiers in place of its own; also again."""
-        path = self.folder.path(TIMELINE)
+        path = self.folder.new_path(TIMELINE)
         whole = {**timeline, **({} if transcript is None else transcript_tiers(transcript))}
         path.write_text(json.dumps(whole, allow_nan=False, separators=(",", ":")))
         self.record.timeline = TIMELINE
@@ -318,7 +303,7 @@ class RunWriter(RunCallbacks):
 
     def write_plan(self, name: str, plan: GesturePlan) -> GesturePlan:
         """Write the gesture plan of a row; return it as rounded in the file."""
-        path = self.folder.path(f"{safe_file_stem(name)}.plan.json")
+        path = self.folder.new_path(f"{safe_file_stem(name)}.plan.json")
         write_plan_file(plan, path)
         written = read_plan_file(path).plan
         self._row(name).files["plan"] = path.name
@@ -329,28 +314,29 @@ class RunWriter(RunCallbacks):
         """Detect and write the gesture plans of rows that have none."""
         for name, motion in motions.items():
             if "plan" not in self._row(name).files:
-                path = self.folder.path(viewer_file_name(name, ".plan.json"))
+                path = self.folder.new_path(viewer_file_name(name, ".plan.json"))
                 write_plan_file(plan_from_motion(motion, open_body_skeleton()), path)
                 self.add_files(path, row=name, kind="plan")
 
-    def write_metrics(self, diagnostics: Diagnostics) -> None:
+    def record_metrics(self, diagnostics: Diagnostics) -> None:
         """Record the final metrics, findings and verdict."""
         record, is_made = self.record, self.record.kind == "generated"
-        record.point = diagnostics.point
+        record.tracked_point = diagnostics.tracked_point
         of_all = sorted(diagnostics.all_motions.items(), key=lambda of: of[0] != REFERENCE_NAME)
-        apart = incomparable_parts(diagnostics.missing_parts)
-        record.numbers = {
+        apart = parts_others_have(diagnostics.missing_parts)
+        record.metrics = {
             name: {
-                kind: metric_values(versions.of(kind), incomparable=apart.get(name, ()))
+                kind: metric_values(versions.version(kind), incomparable=apart.get(name, ()))
                 for kind in FILTER_VERSIONS
             }
             for name, versions in of_all[:MAX_ROWS]
         }
         record.findings = finding_records(diagnostics.findings)
-        verdict = make_verdict(record.point, [record.numbers], is_made)
+        verdict = make_verdict(record.tracked_point, [record.metrics], is_made)
         if verdict is not None and (is_made or len(of_all) > 1):
             record.verdict = VerdictRecord(
-                numbers=truncate(verdict.numbers), comparison=truncate(verdict.comparison)
+                jerk_sentence=truncate(verdict.jerk_sentence),
+                comparison=truncate(verdict.comparison),
             )
         record.figure_captions = {
             key: truncate(sentence) for key, sentence in figure_sentences(diagnostics).items()
@@ -362,9 +348,9 @@ class RunWriter(RunCallbacks):
         self.write_record()
 
 
-def draw_figure(paths: tuple[Path, Path], *_: object) -> None:
+def draw_saved_figure_task(contents_and_target: tuple[Path, Path], *_: object) -> None:
     """Draw the saved content of a figure into a file, as a task."""
-    saved_figures.draw_saved_figure(*paths)
+    saved_figures.draw_saved_figure(*contents_and_target)
 
 
 def finding_records(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRecord]:
@@ -379,7 +365,7 @@ def finding_records(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRe
         norms.add(finding.normal_range)
         records.append(
             FindingRecord(
-                name=name,
+                motion_name=name,
                 kind=finding.kind,
                 sentence=truncate(sentence),
                 worst_time_s=finding.worst_time_s,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Task:
+class ImportedFunction:
     """Function of a module that is imported when the task is called."""
 
     module: str
@@ -30,20 +30,24 @@ class Task:
         return getattr(import_module(self.module), self.name)(request, callbacks)
 
 
-DIAGNOSE = Task("app.run.pipeline", "diagnose")
-DRAW_VIDEOS = Task("app.run.videos.videos", "draw_videos_in_background")
-REDRAW_FIGURE = Task("app.run.pipeline", "redraw_figure6")
-DRAW_FIGURE = Task("app.run.run_writer", "draw_figure")
-DRAW_VIEWER_VIDEO = Task("app.run.videos.viewer_recording", "draw_viewer_video")
-GENERATE = Task("app.run.pipeline", "generate")
-REGENERATE_EDITED = Task("app.run.plan_edits.edited_motion", "regenerate_edited")
-MEASURE_SPEECH_EFFECT = Task("app.run.experiments.speech_effect", "measure_speech_effect")
-MEASURE_SETS = Task("app.run.batch.motion_sets", "measure_sets")
-MEASURE_STEPS = Task("app.run.experiments.step_sweep", "measure_step_sweep")
-RENDER = Task("app.run.videos.export", "render_motion")
-COMPARE_ROTATION_NOISE = Task("app.run.experiments.rotation_noise", "compare_rotation_noise")
-WRITE_STAGE_BODY = Task("app.run.frame_packets", "write_viewer_body")
-WRITE_PLAN = Task("app.run.videos.export", "write_plan")
+DIAGNOSE = ImportedFunction("app.run.pipeline", "diagnose")
+DRAW_VIDEOS = ImportedFunction("app.run.videos.videos", "draw_run_videos")
+REDRAW_FIGURE = ImportedFunction("app.run.pipeline", "redraw_figure6")
+DRAW_FIGURE = ImportedFunction("app.run.run_writer", "draw_saved_figure_task")
+DRAW_VIEWER_VIDEO = ImportedFunction("app.run.videos.viewer_recording", "draw_viewer_video")
+GENERATE = ImportedFunction("app.run.pipeline", "generate")
+REGENERATE_EDITED = ImportedFunction("app.run.plan_edits.edited_motion", "regenerate_edited")
+MEASURE_SPEECH_EFFECT = ImportedFunction(
+    "app.run.experiments.speech_effect", "measure_speech_effect"
+)
+MEASURE_SETS = ImportedFunction("app.run.batch.motion_sets", "measure_uploaded_sets")
+MEASURE_STEPS = ImportedFunction("app.run.experiments.step_sweep", "measure_step_sweep")
+RENDER = ImportedFunction("app.run.videos.export", "render_or_export_motion")
+COMPARE_ROTATION_NOISE = ImportedFunction(
+    "app.run.experiments.rotation_noise", "compare_rotation_noise"
+)
+WRITE_STAGE_BODY = ImportedFunction("app.run.frame_packets", "write_viewer_body")
+WRITE_PLAN = ImportedFunction("app.run.videos.export", "convert_plan")
 
 
 @dataclass(frozen=True)
@@ -75,9 +79,9 @@ class SetResults:
     request: DiagnoseRequest
     files: tuple[Path, ...]
     notes: tuple[str, ...]
-    summary: dict[str, Any]
+    batch_json: dict[str, Any]
     """Content of ``batch.json`` as written by `app.run.batch.table.write_tables`."""
-    clips: dict[str, dict[str, Path]]
+    motion_files: dict[str, dict[str, Path]]
     """Motion file of each clip in the tables, by system, including the reference."""
     audio_files: dict[str, Path]
     """Audio files of those clips that have one."""

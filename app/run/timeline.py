@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from pydantic import BaseModel, Field
 
-from app.run.bodies import TrackedPoint
+from app.run.bodies import PointTracker
 from app.run.diagnostics import cached_speech_onsets
 from app.run.output.run_folder import Text, existing_file, read_run
 from app.run.output.viewer_files import MAX_POINTS, NUM_PEAKS, Curve
@@ -23,7 +23,7 @@ from model.metrics.smoothness import derivative_magnitudes
 from model.motion.motion import Motion
 from model.motion.tracks import point_label
 from model.motion.transforms import smooth_motion
-from model.networks.speech_codes import detect_accents
+from model.networks.speech_codes import detect_pitch_accents
 from model.plan.annotation_files import Interval
 from model.speech.audio import Speech
 from model.speech.transcript import (
@@ -33,7 +33,7 @@ from model.speech.transcript import (
     TranscriptSource,
     Word,
     WordsFile,
-    read_words,
+    read_words_file,
 )
 from model.speech.word_recognition import WordRecognition
 from model.storage.json_validation import read_json
@@ -43,9 +43,6 @@ def worst_seconds(
     tracks: Mapping[str, Float[np.ndarray, "T 3"]], count: int = NUM_WORST_SECONDS
 ) -> list[dict[str, Any]]:
     """Return at most ``count`` seconds with the highest jerk, without overlap, the worst first.
-
-    Args:
-        tracks: tracked point (T, 3) of each motion in metres, 30 frames per second.
 
     Returns:
         For each second ``start_s`` and ``end_s``, the ``name`` of the motion with the highest jerk
@@ -146,17 +143,16 @@ def make_timeline(
     speech: Speech | None,
     motions: Mapping[str, Motion],
     filter_version: FilterVersion,
-    tip: TrackedPoint,
-    weights: Path | None = None,
+    tracker: PointTracker,
+    accent_weights: Path | None = None,
 ) -> dict[str, Any]:
     """Make the timeline of a run as JSON.
 
     Args:
-        speech: speech of the motions; None for motion without sound.
         motions: motions as shown in the videos; a recorded one, `REFERENCE_NAME`, is unfiltered.
         filter_version: version of the other motions: as generated, or filtered.
-        tip: tracked point of the curves, the same as in Figure 6 and the metrics.
-        weights: folder of the accent network; None omits accents.
+        tracker: tracker of the point of the curves, the same as in Figure 6 and the metrics.
+        accent_weights: folder of the accent network; None omits accents.
 
     Returns:
         ``duration_s``, ``fps``, ``peaks`` (0 to 100), ``onsets_s``, ``point`` (its title), and
@@ -164,10 +160,10 @@ def make_timeline(
             the latter for filtered motion. ``worst`` are the `worst_seconds` of the motions without
             the reference.
     """
-    tracks = {name: tip.track(each) for name, each in motions.items() if name != REFERENCE_NAME}
-    accents = detect_accents(speech, weights) if speech and weights else ()
+    tracks = {name: tracker.track(each) for name, each in motions.items() if name != REFERENCE_NAME}
+    accents = detect_pitch_accents(speech, accent_weights) if speech and accent_weights else ()
     curves = {
-        name: motion_curves(motion, "raw" if name == REFERENCE_NAME else filter_version, tip)
+        name: motion_curves(motion, "raw" if name == REFERENCE_NAME else filter_version, tracker)
         for name, motion in motions.items()
     }
     return {
@@ -176,20 +172,20 @@ def make_timeline(
         "peaks": [] if speech is None else waveform_peaks(padded_waveform(speech, motions)),
         "onsets_s": [] if speech is None else np.round(cached_speech_onsets(speech), 3).tolist(),
         "heard_accents": [(accent.time_s, accent.strength) for accent in accents],
-        "point": tip.title,
+        "point": tracker.title,
         "curves": curves,
         "worst": worst_seconds(tracks),
     }
 
 
 def motion_curves(
-    motion: Motion, version: FilterVersion, tip: TrackedPoint
+    motion: Motion, version: FilterVersion, tracker: PointTracker
 ) -> dict[FilterVersion, dict[str, Curve]]:
     """Return the curves of one motion for ``raw`` and ``savgol``, see `make_timeline`."""
     versions: dict[FilterVersion, Motion] = {version: motion}
     if version == "raw":
         versions["savgol"] = smooth_motion(motion)
-    return {kind: point_curves(tip.track(each)) for kind, each in versions.items()}
+    return {kind: point_curves(tracker.track(each)) for kind, each in versions.items()}
 
 
 def transcript_tiers(transcript: Transcript) -> dict[str, Any]:
@@ -215,6 +211,7 @@ def _times(interval: Interval) -> tuple[float, float, str]:
 
 _MAX_TIMELINE_BYTES, _LOOK_EVERY_S = 20_000_000, 0.1
 Seconds = Annotated[float, Field(ge=0, le=1e5)]
+Strength = Annotated[float, Field(ge=0, le=1e5)]
 Parts = Annotated[list[tuple[Seconds, Seconds, Text]], Field(max_length=50_000)]
 
 
@@ -224,7 +221,7 @@ class _StoredTranscript(BaseModel):
     words_origin: TranscriptSource = "given"
     words: Parts = []
     phones: Parts = []
-    accents: Annotated[list[tuple[Seconds, Seconds]], Field(max_length=50_000)] = []
+    accents: Annotated[list[tuple[Seconds, Strength]], Field(max_length=50_000)] = []
     gestures: Annotated[dict[Text, Parts], Field(max_length=20)] = {}
 
     @property
@@ -262,7 +259,7 @@ class TranscriptLoader:
         self._words_file: WordsFile | None = None
         if transcript is not None:
             is_file = isinstance(transcript, Path)
-            self._words_file = read_words(transcript) if is_file else WordsFile(transcript)
+            self._words_file = read_words_file(transcript) if is_file else WordsFile(transcript)
         self._source: WordSource = source
         self._recognition: WordRecognition | None = None
 

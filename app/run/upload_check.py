@@ -21,7 +21,10 @@ from model.storage.files import open_limited_zip
 
 ARCHIVE_SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar")
 """Suffixes of archives."""
-TOO_MANY_CLIPS = "A run can have at most {limit} clips; {count} were given."
+TOO_MANY_CLIPS = (
+    "A run can have at most {limit} clips; {count} were given. Remove some, or use the command "
+    "line."
+)
 TOO_LONG = (
     "These clips last {count:.1f} minutes in total; the limit of a run is {limit:g} minutes. "
     "Remove some, or use the command line."
@@ -45,7 +48,7 @@ _UNREADABLE = (
 
 
 def file_kind(path: Path) -> FileKind:
-    """Return the kind of a file by its name, and of an archive by the names in it.
+    """Return the kind of a file by its name, and of an archive by names in it; others are sounds.
 
     Nothing is unpacked.
     """
@@ -88,7 +91,7 @@ def rejection_reason(upload: Upload, *_: object) -> str:
     """Return why the first unusable file cannot be used, in one sentence; empty if all can."""
     try:
         if upload.kind == "clips":
-            check_clips(upload.paths, upload.max_speech_s)
+            checked_total_s(upload.paths, upload.max_speech_s)
             return ""
         for path in upload.paths:
             kind = file_kind(path) if upload.kind == "files" else upload.kind
@@ -101,20 +104,17 @@ def rejection_reason(upload: Upload, *_: object) -> str:
     return ""
 
 
-def check_clips(speeches: Sequence[Path], max_s: float) -> float:
-    """Check number, length and readability of a run's clips; return their total length (s).
-
-    Raises:
-        RunError: if there are too many, or if they are too long together.
-        SpeechError: if one cannot be used.
-    """
-    from model.speech.audio import SpeechLimits, load_speech
+def checked_total_s(speeches: Sequence[Path], max_total_s: float) -> float:
+    """Check and return the total length (s) of clips; raises RunError or SpeechError."""
+    from model.speech.audio import SpeechReadOptions, load_speech
 
     if len(speeches) > MAX_CLIPS:
         raise RunError(TOO_MANY_CLIPS.format(limit=MAX_CLIPS, count=len(speeches)))
-    lengths = [load_speech(path, SpeechLimits(max_s=max_s)).duration_s for path in speeches]
-    if sum(lengths) > max_s:
-        raise RunError(TOO_LONG.format(limit=max_s / 60, count=sum(lengths) / 60))
+    lengths = [
+        load_speech(path, SpeechReadOptions(max_s=max_total_s)).duration_s for path in speeches
+    ]
+    if sum(lengths) > max_total_s:
+        raise RunError(TOO_LONG.format(limit=max_total_s / 60, count=sum(lengths) / 60))
     return sum(lengths)
 
 
@@ -124,9 +124,9 @@ def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:
             if path.suffix.lower() == ".zip" and not is_zipfile(path):
                 raise RunError(NO_ZIP.format(name=printable(path.name)))
         case "speech" | "sounds":
-            from model.speech.audio import SpeechLimits, load_speech
+            from model.speech.audio import SpeechReadOptions, load_speech
 
-            load_speech(path, SpeechLimits(max_s=max_speech_s))
+            load_speech(path, SpeechReadOptions(max_s=max_speech_s))
         case "reference" | "motion" | "motions":
             from model.formats.read import read_any_motion
             from model.storage.npz import MotionError
@@ -137,9 +137,9 @@ def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:
                 if kind != "motions" or "--assume" not in str(error):  # else: a field of the form
                     raise
         case "transcript":
-            from model.speech.transcript import read_words
+            from model.speech.transcript import read_words_file
 
-            read_words(path)
+            read_words_file(path)
         case "plan":
             from model.plan.files import read_plan_file
 

@@ -25,7 +25,7 @@ class AnalysisRequest:
     """Key of the study; None for a table of battles."""
     out: Path
     diagnostics: Path | None = None
-    """Folder of measured clips (see `app.study.statistics.results.read_jitter`)."""
+    """Folder of measured clips (see `app.study.statistics.results.read_jerk`)."""
 
 
 def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
@@ -37,14 +37,10 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
     Raises:
         RunError: if the key cannot be used, or no participant is left to analyse.
     """
-    from app.study.report.figures import preference_bars, write_pdf
+    from app.study.report.figures import result_bars, write_pdf
     from app.study.report.report import latex_table, participants_csv, render_report, results_csv
     from app.study.statistics.answers import CollectedAnswers, collect_answers
-    from app.study.statistics.results import (
-        analyse_participants,
-        measure_answer_balance,
-        read_jitter,
-    )
+    from app.study.statistics.results import analyse_participants, measure_answer_balance, read_jerk
     from app.study.statistics.screening import ScreeningResult, screen
     from app.study.statistics.votes import battles_of, read_battles
     from model.storage.escaping import csv_text
@@ -55,19 +51,20 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
         screened = screen(collected.participants, key)
     elif [path.suffix for path in request.answers] == [".csv"]:
         key, raters = read_battles(request.answers[0])
-        note = f"{key.title} is a table of battles, without attention checks and response times."
-        collected, screened = (
-            CollectedAnswers(tuple(raters), (note,)),
-            ScreeningResult(tuple(raters)),
+        note = (
+            f"{key.title} is a table of battles without attention checks or response times, so no "
+            "participants could be excluded."
         )
+        collected = CollectedAnswers(tuple(raters), (note,))
+        screened = ScreeningResult(tuple(raters))
     else:
         raise RunError(NO_KEY)
-    jitter = read_jitter(request.diagnostics, key) if request.diagnostics else None
-    results = analyse_participants(screened.included, key, jitter)
+    jerk_by_video = read_jerk(request.diagnostics, key) if request.diagnostics else None
+    results = analyse_participants(screened.included, key, jerk_by_video)
     if not results:
         left = (*screened.excluded, *screened.implausible)
-        sentences = [f"{one.participant.source}: {one.reason}." for one in left]
-        reasons = [*collected.left_out, *sentences][:MAX_LISTED_ERRORS]
+        sentences = [f"{one.participant.file_name}: {one.reason}." for one in left]
+        reasons = [*collected.left_out_sentences, *sentences][:MAX_LISTED_ERRORS]
         raise RunError(" ".join(["There are no valid answers to analyse.", *reasons]))
     balance = measure_answer_balance(screened.included, key)
     everyone = [*screened.included, *(one.participant for one in screened.implausible)]
@@ -75,13 +72,13 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
     page = render_report(key, collected, screened, balance, results, with_all)
     battles = battles_of(screened.included, key)
     with ResultFolder(request.out) as folder:
-        folder.path("report.html").write_text(page, "utf-8", errors="replace")  # for file names
+        folder.new_path("report.html").write_text(page, "utf-8", errors="replace")  # for file names
         if len(battles):
             rows = [list(battles), *battles.to_numpy().tolist()]
-            folder.path("battles.csv").write_text(csv_text(rows, "\n"), "utf-8", newline="")
-        write_pdf(preference_bars(results, key), folder.path("preference.pdf"))
-        folder.path("results.csv").write_text(results_csv(results), "utf-8", newline="")
+            folder.new_path("battles.csv").write_text(csv_text(rows, "\n"), "utf-8", newline="")
+        write_pdf(result_bars(results, key), folder.new_path("preference.pdf"))
+        folder.new_path("results.csv").write_text(results_csv(results), "utf-8", newline="")
         people = participants_csv(key, screened)
-        folder.path("participants.csv").write_text(people, "utf-8", "replace", newline="")
-        folder.path("table.tex").write_text(latex_table(results, key), "utf-8")
+        folder.new_path("participants.csv").write_text(people, "utf-8", "replace", newline="")
+        folder.new_path("table.tex").write_text(latex_table(results, key), "utf-8")
         return folder.publish()

@@ -38,13 +38,13 @@ class RaterModel:
 
     taste_sd: float = 0.5
     """Standard deviation of raters' tastes for each system, in log-strength."""
-    tie: float = 0.5
+    tie_parameter: float = 0.5
     """Davidson's tie parameter: with 0.5, 1 in 5 choices between equals is a tie."""
     left_advantage: float = 0.1
     """Log-strength added to the video on the left."""
-    lapse: float = 0.02
+    check_failure_probability: float = 0.02
     """Probability of failing an attention check."""
-    smoothness: float = 0.3
+    smoothness_reason_probability: float = 0.3
     """Probability of naming motion smoothness as a reason."""
 
 
@@ -73,14 +73,14 @@ def simulate(
         raise RunError(f"The seed must not be negative; got {seed}.")
     if set(strengths) != set(key.systems):
         raise RunError(
-            f"--strengths must name exactly the systems {', '.join(key.systems)}; "
-            f"got {', '.join(strengths) or 'none'}."
+            "--strengths must give a number for each system and no others: "
+            f"{', '.join(key.systems)}; got {', '.join(strengths) or 'none'}."
         )
     for name, value in strengths.items():
         if not (math.isfinite(value) and abs(value) <= MAX_LOG_STRENGTH):
             raise RunError(
-                f"The strength of {name} must be within ±{MAX_LOG_STRENGTH:g} "
-                f"(natural logarithm); got {value}."
+                "--strengths gives log-strengths (natural logarithm), which must be from "
+                f"{-MAX_LOG_STRENGTH:g} to {MAX_LOG_STRENGTH:g}; got {value} for {name}."
             )
     if out.is_dir() and any(out.glob("*.json")):
         raise RunError(f"{out} already contains answers; choose another folder.")
@@ -115,7 +115,9 @@ def simulate_answers(
             shown = (*trial.videos[turn:], *trial.videos[:turn])
             watching_ms = round(1000 * (key.video_s or 0.0) * len(shown))
             for question in trial.questions:
-                is_named = trial.kind == "pair" and rng.random() < model.smoothness
+                is_named = (
+                    trial.kind == "pair" and rng.random() < model.smoothness_reason_probability
+                )
                 answers.append(
                     {
                         "trial": trial_id,
@@ -130,7 +132,7 @@ def simulate_answers(
         duration = timedelta(milliseconds=sum(answer["ms"] for answer in answers))
         yield {
             "format": 1,
-            "study": key.study,
+            "study": key.study_id,
             "participant": f"simulated{rater:05d}",
             "list": number,
             "started": _START.isoformat(),
@@ -151,13 +153,13 @@ def _value(
     rng: np.random.Generator,
 ) -> Any:
     if trial.expected is not None:
-        return "missed" if rng.random() < model.lapse else trial.expected.value
+        return "missed" if rng.random() < model.check_failure_probability else trial.expected.value
     videos = [key.videos[video] for video in ids]
     strength = np.array([strengths[video.system] for video in videos])
     if trial.kind == "match":
-        strength = strength * [video.is_matched for video in videos]
+        strength = strength * [video.has_own_speech for video in videos]
     if trial.kind in ("pair", "match"):
-        chances = davidson(strength[0] - strength[1] + model.left_advantage, model.tie)
+        chances = davidson(strength[0] - strength[1] + model.left_advantage, model.tie_parameter)
         return (ids[0], TIE, ids[1])[rng.choice(3, p=chances)]
     if trial.kind == "rank":
         order = np.argsort(-(strength + rng.gumbel(size=len(ids))))
@@ -169,9 +171,9 @@ def _value(
 
 
 def davidson(
-    difference: Float[np.ndarray, " *many"] | float, tie: float
+    difference: Float[np.ndarray, " *many"] | float, tie_parameter: float
 ) -> Float[np.ndarray, "*many 3"]:
     """Compute the probabilities of left, tie and right for log-strengths left minus right."""
     half = np.asarray(difference, float) / 2
-    weights = np.stack([np.exp(half), np.full_like(half, tie), np.exp(-half)], axis=-1)
+    weights = np.stack([np.exp(half), np.full_like(half, tie_parameter), np.exp(-half)], axis=-1)
     return weights / weights.sum(-1, keepdims=True)

@@ -16,27 +16,27 @@ from tqdm import tqdm
 from conventions.rates import FPS
 from model.data.prepared import Batch, PreparedClip, PreparedData, derived_arrays
 from model.data.recordings import DataError, augmentation_speed
-from model.plan.files import read_annotated_plan
-from model.plan.kinds import KindTable, kind_indices
+from model.plan.files import read_corpus_plan
+from model.plan.kinds import KindTable, kind_numbers
 from model.plan.plan import SIDES, GesturePlan, PlanError
 from model.plan.plan_features import (
     NUM_TRACKS,
     TIERS,
     EventOnset,
     chain_states,
-    coupled_states,
     hand_tracks,
     plan_to_chains,
     plan_tracks,
+    tier_sampling_inputs,
 )
 from model.speech.encoder import PHONES, SPEECH_LABELS
-from model.speech.transcript import Transcript, TranscriptError, read_transcript
+from model.speech.transcript import Transcript, TranscriptError, read_textgrid_transcript
 
 PLANS_FORMAT = 1
 
 
 @dataclass(frozen=True)
-class PlanEventTargets:
+class PlanEventBatch:
     """Training targets and inputs of a planner for a batch of windows, by tier."""
 
     chain_states: dict[str, Float[Tensor, "B T _"]]
@@ -44,10 +44,10 @@ class PlanEventTargets:
     event: dict[str, Int[Tensor, "B T"]]
     mark: dict[str, Float[Tensor, "B T _"]]
 
-    def to(self, device: torch.device) -> "PlanEventTargets":
+    def to(self, device: torch.device) -> "PlanEventBatch":
         """Return the same events on a device."""
         parts = (self.chain_states, self.event, self.mark)
-        return PlanEventTargets(
+        return PlanEventBatch(
             *({name: one.to(device) for name, one in part.items()} for part in parts)
         )
 
@@ -62,14 +62,14 @@ class PlanAnnotations:
     chains: tuple[dict[str, list[EventOnset]], ...]
     """Event chains of each clip, by tier."""
     kinds: np.ndarray
-    """Gesture type numbers (N, 2) of the left and the right hand (`KindTable.index_of`)."""
-    table: KindTable
+    """Gesture type numbers (N, 2) of the left and the right hand (`KindTable.number_of`)."""
+    kind_table: KindTable
 
     def tracks_and_kinds(
         self, batch: Batch, context: int
     ) -> tuple[Float[Tensor, "B T_context tracks"], Int[Tensor, "B T_context 2"]]:
         """Return a batch's plans with ``context`` frames on either side, held at a clip's ends."""
-        frames = batch.frames
+        frames = batch.frame_rows
         rows = frames[:, :1] + np.arange(-context, frames.shape[1] + context)
         which = np.searchsorted(self._starts, frames[:, 0], side="right") - 1
         first, stop = self._starts[which], self._stops[which]
@@ -79,9 +79,9 @@ class PlanAnnotations:
             torch.from_numpy(self.kinds[rows].astype(np.int64)),
         )
 
-    def events(self, batch: Batch) -> PlanEventTargets:
+    def events(self, batch: Batch) -> PlanEventBatch:
         """Return the events that begin in a batch's windows."""
-        which = np.searchsorted(self._starts, batch.frames[:, 0], side="right") - 1
+        which = np.searchsorted(self._starts, batch.frame_rows[:, 0], side="right") - 1
         windows = [
             {
                 tier.name: chain_states(
@@ -89,7 +89,7 @@ class PlanAnnotations:
                 )
                 for tier in TIERS
             }
-            for clip, rows in zip(which, batch.frames, strict=True)
+            for clip, rows in zip(which, batch.frame_rows, strict=True)
         ]
 
         def stacked(
@@ -100,8 +100,8 @@ class PlanAnnotations:
                 for tier in TIERS
             }
 
-        return PlanEventTargets(
-            stacked([coupled_states(window) for window in windows]),
+        return PlanEventBatch(
+            stacked([tier_sampling_inputs(window) for window in windows]),
             stacked([{name: one.event for name, one in window.items()} for window in windows]),
             stacked([{name: one.mark for name, one in window.items()} for window in windows]),
         )
@@ -135,7 +135,7 @@ def load_plan_annotations(data: PreparedData, num_speakers: int) -> PlanAnnotati
         {"format": PLANS_FORMAT, "tracks": NUM_TRACKS},
         {"plan-tracks": (NUM_TRACKS, np.float32), "plan-kinds": (2, np.uint8)},
         (
-            (plan_tracks(plan, clip.num_frames), kind_indices(plan, clip.num_frames, table))
+            (plan_tracks(plan, clip.num_frames), kind_numbers(plan, clip.num_frames, table))
             for clip, plan in zip(data.clips, plans, strict=True)
         ),
     )
@@ -144,20 +144,20 @@ def load_plan_annotations(data: PreparedData, num_speakers: int) -> PlanAnnotati
 
 def textgrid_path(data: PreparedData, clip: PreparedClip) -> Path:
     """Return the path of a clip's annotation."""
-    return data.source / "textgrid" / f"{clip.name}.TextGrid"
+    return data.data_folder / "textgrid" / f"{clip.name}.TextGrid"
 
 
 def _annotation_words(path: Path) -> list[str]:
     """Return the lower-case words of an annotation; none if it holds plans only."""
     try:
-        return [word.text.lower() for word in read_transcript(path).words]
+        return [word.text.lower() for word in read_textgrid_transcript(path).words]
     except TranscriptError:
         return []
 
 
 def _annotated_plan(data: PreparedData, clip: PreparedClip) -> GesturePlan:
     try:
-        plan = read_annotated_plan(textgrid_path(data, clip))
+        plan = read_corpus_plan(textgrid_path(data, clip))
     except (PlanError, OSError) as error:
         raise DataError(f"{clip.name} has no annotated plan: {error}") from error
     return plan.at_speed(augmentation_speed(clip.name, clip.copy))
@@ -176,7 +176,7 @@ _NUMBER = {phone: number for number, phone in enumerate(PHONES, start=1)}
 class SpeechLabels:
     """Speech annotation of all clips, concatenated in the order of `PreparedData`."""
 
-    phone: UInt8[np.ndarray, " N"]
+    phones: UInt8[np.ndarray, " N"]
     """Number of the phone (N,) in `PHONES`, from 1; 0 is none of them."""
     labels: Float32[np.ndarray, "N labels"]
     """Values of `SPEECH_LABELS` (N, 6); fractions and flags lie between 0 and 1."""
@@ -185,16 +185,12 @@ class SpeechLabels:
         self, batch: Batch
     ) -> tuple[Int[Tensor, "B T"], Float32[Tensor, "B T labels"]]:
         """Return the phones and the values of `SPEECH_LABELS` of a batch's windows."""
-        phone = torch.from_numpy(self.phone[batch.frames].astype(np.int64))
-        return phone, torch.from_numpy(self.labels[batch.frames])
+        phone = torch.from_numpy(self.phones[batch.frame_rows].astype(np.int64))
+        return phone, torch.from_numpy(self.labels[batch.frame_rows])
 
 
 def load_speech_labels(data: PreparedData, plans: PlanAnnotations) -> SpeechLabels:
-    """Read the annotated words, phones and accents of the recordings.
-
-    Raises:
-        DataError: if a clip's words are not annotated, or no clip has phones and accents.
-    """
+    """Read words, phones and accents of the recordings; raises DataError if any kind is missing."""
     phone = np.zeros(len(data.poses), np.uint8)
     labels = np.zeros((len(data.poses), len(SPEECH_LABELS)), np.float32)
     for clip in tqdm(data.clips, desc="annotation", unit="clip"):
@@ -202,37 +198,39 @@ def load_speech_labels(data: PreparedData, plans: PlanAnnotations) -> SpeechLabe
         rows = slice(clip.start, clip.stop)
         speed = augmentation_speed(clip.name, clip.copy)
         phone[rows] = frame_phones(transcript, clip.num_frames, speed)
-        labels[rows, :-1] = frame_labels(transcript, clip.num_frames, speed, plans)
-        labels[rows, -1] = planned_wrist_speed(plans.tracks[rows])
+        labels[rows, :-1] = annotated_labels(transcript, clip.num_frames, speed, plans)
+        labels[rows, -1] = summed_wrist_speed(plans.tracks[rows])
     if not phone.any() or not labels[:, 0].any():
         missing = "phones" if not phone.any() else "accents"
-        raise DataError(f"No TextGrid of {data.source.name} has a tier of {missing}.")
+        raise DataError(f"No TextGrid of {data.data_folder.name} has a tier of {missing}.")
     return SpeechLabels(phone, labels)
 
 
-def frame_phones(transcript: Transcript, num_frames: int, speed: float) -> UInt8[np.ndarray, " T"]:
+def frame_phones(
+    transcript: Transcript, num_frames: int, playback_speed: float
+) -> UInt8[np.ndarray, " T"]:
     """Return the number of each frame's phone; 0 for unknown phones and pauses."""
     numbers = np.zeros(num_frames, np.uint8)
     for phone in transcript.phones:
         name = phone.text.lower().rstrip("012")
-        numbers[_rows(phone.start_s, phone.end_s, speed)] = _NUMBER.get(name, 0)
+        numbers[_rows(phone.start_s, phone.end_s, playback_speed)] = _NUMBER.get(name, 0)
     return numbers
 
 
-def frame_labels(
-    transcript: Transcript, num_frames: int, speed: float, plans: PlanAnnotations
+def annotated_labels(
+    transcript: Transcript, num_frames: int, playback_speed: float, plans: PlanAnnotations
 ) -> Float32[np.ndarray, "T 5"]:
-    """Return the values of `SPEECH_LABELS` of each frame, except the speed."""
+    """Return the values of `SPEECH_LABELS` of each frame, except the wrist speed."""
     strength, ends, voice, struck = np.zeros((4, num_frames), np.float32)
     for accent in transcript.accents:
-        frame = int(accent.time_s / speed * FPS)
+        frame = int(accent.time_s / playback_speed * FPS)
         if frame < num_frames:
             strength[frame] = accent.strength
     after = [word.start_s for word in transcript.words[1:]] + [np.inf]
     for word, next_s in zip(transcript.words, after, strict=True):
-        rows = _rows(word.start_s, word.end_s, speed)
+        rows = _rows(word.start_s, word.end_s, playback_speed)
         voice[rows] = 1
-        struck[rows] = plans.table.stroke_shares_by_word.get(word.text.lower(), 0.0)
+        struck[rows] = plans.kind_table.stroke_shares_by_word.get(word.text.lower(), 0.0)
         if next_s - word.end_s > PAUSE_S:
             ends[max(0, rows.stop - 1) : rows.stop] = 1
     strength = maximum_filter1d(strength, ACCENT_FRAMES)
@@ -240,7 +238,7 @@ def frame_labels(
     return np.stack([strength > 0, strength, ends, voice, struck], axis=1).astype(np.float32)
 
 
-def planned_wrist_speed(tracks: Float32[np.ndarray, "T tracks"]) -> Float32[np.ndarray, " T"]:
+def summed_wrist_speed(tracks: Float32[np.ndarray, "T tracks"]) -> Float32[np.ndarray, " T"]:
     """Return the smoothed sum of both planned wrists' speeds, in the tiers' units per second."""
     goals = [np.asarray(tracks[:, hand_tracks(side)][:, :3], np.float64) for side in SIDES]
     steps = [np.diff(goal, axis=0, prepend=goal[:1]) for goal in goals]
@@ -248,14 +246,14 @@ def planned_wrist_speed(tracks: Float32[np.ndarray, "T tracks"]) -> Float32[np.n
     return gaussian_filter1d(total, SPEED_FRAMES).astype(np.float32)
 
 
-def _rows(start_s: float, end_s: float, speed: float) -> slice:
+def _rows(start_s: float, end_s: float, playback_speed: float) -> slice:
     """Return the frames with their centre inside an interval of a recording at another speed."""
-    first, stop = (max(0, round(at / speed * FPS)) for at in (start_s, end_s))
+    first, stop = (max(0, round(at / playback_speed * FPS)) for at in (start_s, end_s))
     return slice(first, stop)
 
 
 def _read(data: PreparedData, clip: PreparedClip) -> Transcript:
     try:
-        return read_transcript(textgrid_path(data, clip))
+        return read_textgrid_transcript(textgrid_path(data, clip))
     except TranscriptError as error:
         raise DataError(f"{clip.name} has no annotated words: {error}") from error

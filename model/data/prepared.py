@@ -21,13 +21,13 @@ from tqdm import tqdm
 from model.data.recordings import (
     DataError,
     augmented_copy,
-    encode_clip,
+    cut_and_encode_speech,
     fingerprint,
     parse_speaker,
     read_motion_and_speech,
     read_split,
 )
-from model.motion.motion import NUM_FACE_UNITS, Motion, arkit_weights
+from model.motion.motion import NUM_FACE_UNITS, Motion, arkit_weights_or_zeros
 from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder
 from model.storage.files import write_atomically, written_atomically
@@ -73,15 +73,15 @@ class Batch:
 
     poses: Float[Tensor, "B T 165"]
     transl: Float[Tensor, "B T 3"]
-    expression: Float[Tensor, "B T 52"]
+    arkit_weights: Float[Tensor, "B T 52"]
     speech: Float[Tensor, "B T_ctx dim"]
     speaker: Int[Tensor, " B"]
-    clips: list[str]
-    frames: Int[np.ndarray, "B T"]
+    clip_names: list[str]
+    frame_rows: Int[np.ndarray, "B T"]
     """Row of each frame (B, T) in the arrays."""
 
-    def rows(self, which: slice) -> "Batch":
-        """Return a part of the batch."""
+    def part(self, which: slice) -> "Batch":
+        """Return a part of the windows."""
         return Batch(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
 
@@ -89,16 +89,17 @@ class Batch:
 class PreparedData:
     """All clips of a data folder as arrays of frames."""
 
-    source: Path
+    data_folder: Path
     """Folder of the recordings, in BEAT2's layout."""
-    folder: Path
+    cache_folder: Path
     """Folder of the arrays, which may also hold arrays derived from them."""
     clips: tuple[PreparedClip, ...]
     poses: np.ndarray
     transl: np.ndarray
-    expression: np.ndarray
+    arkit_weights: np.ndarray
     speech: np.ndarray
-    speakers: dict[int, str]
+    speaker_names: dict[int, str]
+    """Name of each speaker by number."""
 
     def mean_floor_position(self, clip: PreparedClip) -> Float[np.ndarray, "3"]:
         """Return the body's mean position on the floor (y = 0) in a clip, in metres."""
@@ -106,18 +107,14 @@ class PreparedData:
         return np.array([x, 0.0, z], np.float32)
 
     def clips_of_split(self, split: str) -> tuple[PreparedClip, ...]:
-        """Return the clips of ``train``, ``val``, ``test`` or ``additional``.
-
-        Raises:
-            DataError: if there are none.
-        """
+        """Return the clips of train, val, test or additional; raises DataError if none."""
         clips = tuple(clip for clip in self.clips if clip.split == split)
         if not clips:
             splits = ", ".join(sorted({clip.split for clip in self.clips})) or "no clips"
-            raise DataError(f"train_test_split.csv names no usable {split} clip (found: {splits}).")
+            raise DataError(f"train_test_split.csv lists no usable {split} clip (found: {splits}).")
         return clips
 
-    def window_batch(
+    def draw_windows(
         self,
         clips: tuple[PreparedClip, ...],
         window: int,
@@ -130,9 +127,6 @@ class PreparedData:
         Args:
             context: frames of speech before and after each window; its ends repeat at a clip's
                 ends.
-
-        Raises:
-            DataError: if no clip is as long as a window.
         """
         usable = [clip for clip in clips if clip.num_frames >= window]
         if not usable:
@@ -161,24 +155,24 @@ class PreparedData:
         return Batch(
             poses=take(self.poses),
             transl=take(self.transl),
-            expression=take(self.expression),
+            arkit_weights=take(self.arkit_weights),
             speech=take(self.speech, speech_rows.clip(first, last)),
             speaker=torch.tensor([clip.speaker for clip in clips]),
-            clips=[clip.name for clip in clips],
-            frames=frames,
+            clip_names=[clip.name for clip in clips],
+            frame_rows=frames,
         )
 
 
 def prepare(
-    folder: Path, cache: Path, encoder: SpeechEncoder, *, augmented_copies: int = 0
+    folder: Path, cache_prefix: Path, encoder: SpeechEncoder, *, augmented_copies: int = 0
 ) -> PreparedData:
-    """Read ``folder`` once into ``cache`` (reused by the next run), then map it.
+    """Read ``folder`` once into a cache (reused by the next run), then map it.
 
     Clips that cannot be read or are shorter than a window are logged, counted and left out.
 
     Args:
-        cache: prefix of the cache folder's path; a digest of the sources is appended, so that
-            other recordings never use the same cache.
+        cache_prefix: prefix of the cache folder's path; a digest of the sources is appended, so
+            that other recordings never use the same cache.
         augmented_copies: number of copies of each training recording, see `augmented_copy`; the
             other splits have none.
 
@@ -188,7 +182,7 @@ def prepare(
     split = read_split(folder)
     content = fingerprint(folder, split)
     copies = f"-{augmented_copies}-copies" if augmented_copies > 0 else ""
-    cache = cache.with_name(f"{cache.name}{copies}-{content[:12]}")
+    cache = cache_prefix.with_name(f"{cache_prefix.name}{copies}-{content[:12]}")
     origin = {
         "format": CACHE_FORMAT,
         "folder": sorted(split.items()),
@@ -213,7 +207,10 @@ def prepare(
     clips = tuple(PreparedClip(**clip) for clip in index["clips"])
     speakers = {int(number): name for number, name in index["speakers"].items()}
     arrays = _mapped(cache, columns, clips[-1].stop)
-    return PreparedData(folder, cache, clips=clips, speakers=speakers, **arrays)
+    arkit_weights = arrays.pop("expression")
+    return PreparedData(
+        folder, cache, clips=clips, arkit_weights=arkit_weights, speaker_names=speakers, **arrays
+    )
 
 
 def derived_arrays(
@@ -229,12 +226,12 @@ def derived_arrays(
         origin: what the arrays depend on; arrays of another origin are made again.
         by_clip: for each clip in turn, its rows of each array.
     """
-    index = data.folder / f"{name}.json"
+    index = data.cache_folder / f"{name}.json"
     if not index.is_file() or json.loads(index.read_text()) != origin:
         bar = tqdm(by_clip, desc=name, unit="clip", total=len(data.clips))
-        _write(data.folder, columns, (rows for rows in bar))
+        _write(data.cache_folder, columns, (rows for rows in bar))
         write_atomically(index, json.dumps(origin))
-    return [*_mapped(data.folder, columns, len(data.poses)).values()]
+    return [*_mapped(data.cache_folder, columns, len(data.poses)).values()]
 
 
 def _write(
@@ -270,18 +267,18 @@ def _by_clip(
             number, _ = parse_speaker(name)
             recording = read_motion_and_speech(folder, name)
             _check_lengths(*recording)
-            encoded = encode_clip(*recording, encoder)
+            encoded = cut_and_encode_speech(*recording, encoder)
         except (MotionError, SpeechError, DataError) as error:
             log.warning("Skipped %s: %s", name, error)
             skipped += 1
             continue
         for copy in range(1 + (augmented_copies if kind == "train" else 0)):
             if copy > 0:
-                encoded = encode_clip(*augmented_copy(*recording, name, copy), encoder)
+                encoded = cut_and_encode_speech(*augmented_copy(*recording, name, copy), encoder)
             motion, features = encoded
             start = read[-1].stop if read else 0
             read.append(PreparedClip(name, number, kind, start, motion.num_frames, copy))
-            yield motion.poses, motion.trans, arkit_weights(motion), features
+            yield motion.poses, motion.trans, arkit_weights_or_zeros(motion), features
     if not read:
         raise DataError(f"{folder} holds no usable clip ({skipped} skipped).")
     if skipped:
@@ -289,9 +286,9 @@ def _by_clip(
 
 
 def _check_lengths(motion: Motion, speech: Speech) -> None:
-    num_frames = min(motion.num_frames, speech.num_frames)
+    num_frames = min(motion.num_frames, speech.num_motion_frames)
     if num_frames < MIN_FRAMES:
-        raise DataError(f"{num_frames} frames, {MIN_FRAMES} needed.")
+        raise DataError(f"it has {num_frames} frames; at least {MIN_FRAMES} are needed.")
     if abs(motion.duration_s - speech.duration_s) > MAX_MISMATCH_S:
         raise DataError(
             f"its motion lasts {motion.duration_s:.1f} s and its sound {speech.duration_s:.1f} s;"

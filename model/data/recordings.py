@@ -12,14 +12,18 @@ from jaxtyping import Float
 
 from model.motion.motion import Motion, first_frames, load_motion
 from model.motion.transforms import change_motion_speed
-from model.speech.audio import Speech, SpeechLimits, load_speech
-from model.speech.augment import apply_recording, change_speech_speed, draw_recording
+from model.speech.audio import Speech, SpeechReadOptions, load_speech
+from model.speech.augment import (
+    apply_recording_conditions,
+    change_speech_speed,
+    sample_recording_conditions,
+)
 from model.speech.encoder import SpeechEncoder
 
 SPEED_PERCENT = (90, 111)
 """Lowest speed of an augmented copy (percent), and one above the highest."""
 FINGERPRINT_BYTES = 4096
-SPEECH_LIMITS = SpeechLimits(max_s=3600, max_bytes=2**31)
+SPEECH_LIMITS = SpeechReadOptions(max_s=3600, max_bytes=2**31)
 
 
 class DataError(ValueError):
@@ -27,11 +31,7 @@ class DataError(ValueError):
 
 
 def read_split(folder: Path) -> dict[str, str]:
-    """Read each clip's split, ``train``, ``val``, ``test`` or ``additional``, from BEAT2's csv.
-
-    Raises:
-        DataError: if the file is missing or has other columns.
-    """
+    """Read each clip's split from BEAT2's csv; raises DataError if it is missing or differs."""
     path = folder / "train_test_split.csv"
     if not path.is_file():
         raise DataError(f"{path} is missing; the folder is not laid out as BEAT2.")
@@ -64,11 +64,7 @@ def fingerprint(folder: Path, names: Iterable[str]) -> str:
 
 
 def parse_speaker(clip_name: str) -> tuple[int, str]:
-    """Parse the number and name of the speaker in a clip's name such as 2_scott_0_1_1.
-
-    Raises:
-        DataError: if it is not such a name.
-    """
+    """Parse number and name of the speaker from a name like 2_scott_0_1_1; raises DataError."""
     number, _, rest = clip_name.partition("_")
     if not number.isdigit() or not rest:
         raise DataError(f"{clip_name} does not start with a speaker number and name.")
@@ -81,11 +77,11 @@ def read_motion_and_speech(folder: Path, name: str) -> tuple[Motion, Speech]:
     return motion, load_speech(folder / "wave16k" / f"{name}.wav", SPEECH_LIMITS)
 
 
-def encode_clip(
+def cut_and_encode_speech(
     motion: Motion, speech: Speech, encoder: SpeechEncoder
 ) -> tuple[Motion, Float[np.ndarray, "T dim"]]:
     """Return the motion and its speech features, both cut to the shorter of the two."""
-    num_frames = min(motion.num_frames, speech.num_frames)
+    num_frames = min(motion.num_frames, speech.num_motion_frames)
     cut = first_frames(motion, num_frames)
     return cut, encoder.encode(speech.waveform, num_frames)
 
@@ -98,8 +94,8 @@ def augmentation_speed(name: str, copy: int) -> float:
 def augmented_copy(motion: Motion, speech: Speech, name: str, copy: int) -> tuple[Motion, Speech]:
     """Return a recording at another speed, its speech as if recorded by another microphone."""
     rng, speed = _draws(name, copy)
-    waveform = apply_recording(
-        change_speech_speed(speech.waveform, speed), draw_recording(rng), rng
+    waveform = apply_recording_conditions(
+        change_speech_speed(speech.waveform, speed), sample_recording_conditions(rng), rng
     )
     return change_motion_speed(motion, speed), replace(speech, waveform=waveform)
 

@@ -31,9 +31,9 @@ from model.metrics.posture import foot_slide
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import Tracks, track_points, wrist_positions_in_chest_frame
-from model.networks.autoencoder import load_encoder
+from model.networks.autoencoder import load_motion_encoder
 from model.plan.editing import (
-    Gesture,
+    GestureKey,
     add_gesture,
     change_hands,
     delete_gesture,
@@ -43,13 +43,13 @@ from model.plan.editing import (
     scale_gesture,
     set_hold,
 )
-from model.plan.files import read_annotated_plan
-from model.plan.kinds import REST_POSITION, USUAL_STROKE_ENDS
+from model.plan.files import read_corpus_plan
+from model.plan.kinds import REST_POSITION, USUAL_STROKE_GOALS
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, PlanResult, Side
 from model.plan.plan_features import hand_tracks, plan_tracks
 from model.speech.audio import Speech
 from model.systems.helpers.config import FGD_ENCODER
-from model.systems.registry import default_planner, load_system
+from model.systems.registry import default_planning_system, load_system
 
 FEET = [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]
 SPEECH_S = 12.0
@@ -69,7 +69,7 @@ WristPositions = Mapping[Side, Float[np.ndarray, "T 3"]]
 
 
 def stroke_lags(
-    places: WristPositions, plan: GesturePlan, frames: range = range(10**9)
+    wrists: WristPositions, plan: GesturePlan, frames: range = range(10**9)
 ) -> list[float]:
     """Compute the delays (s) of stroke ends against the plan; NaN if no stroke is made.
 
@@ -77,7 +77,7 @@ def stroke_lags(
     planned one at every shift; the shift with the highest correlation is the delay. Strokes that
     end outside of ``frames`` are left out.
     """
-    num_frames = len(places["left"])
+    num_frames = len(wrists["left"])
     planned = plan_tracks(plan, num_frames).astype(np.float64)
     most = round(MAX_LAG_S * FPS)
     lags = []
@@ -90,7 +90,7 @@ def stroke_lags(
             first, stop = round(phase.start_s * FPS) - 12, end + 9
             if first - most < 0 or stop + most > num_frames:
                 continue
-            lags.append(_lag(path[first:stop], places[side], first, most))
+            lags.append(_lag(path[first:stop], wrists[side], first, most))
     return lags
 
 
@@ -108,11 +108,11 @@ def _lag(
     return (best - most) / FPS if likeness[best] >= MIN_PATH_CORRELATION else math.nan
 
 
-def rest_speeds(places: WristPositions, plan: GesturePlan) -> list[float]:
+def rest_speeds(wrists: WristPositions, plan: GesturePlan) -> list[float]:
     """Compute the mean speed (m/s) of each resting wrist, for rests of .8 s or more."""
     speeds = []
     for side in SIDES:
-        speed = _speed(places[side])
+        speed = _speed(wrists[side])
         for phase in plan.hand(side):
             if phase.phase == "rest" and phase.end_s - phase.start_s >= 0.8:
                 first, stop = round((phase.start_s + 0.25) * FPS), round((phase.end_s - 0.25) * FPS)
@@ -121,22 +121,24 @@ def rest_speeds(places: WristPositions, plan: GesturePlan) -> list[float]:
     return speeds
 
 
-def only_one_hand_moves(places: WristPositions, plan: GesturePlan, gesture: Gesture) -> bool | None:
+def only_one_hand_moves(
+    wrists: WristPositions, plan: GesturePlan, gesture: GestureKey
+) -> bool | None:
     """Check whether only the requested hand moves; None if the other is planned to move as well."""
     phases = _phases_of(plan, gesture)
     first, stop = round(phases[0].start_s * FPS), round(phases[-1].end_s * FPS)
     other = SIDES[1 - SIDES.index(gesture.side)]
-    planned = plan_tracks(plan, len(places["left"])).astype(np.float64)
+    planned = plan_tracks(plan, len(wrists["left"])).astype(np.float64)
     around = slice(max(0, first - 4), stop + 4)
     stays = _path_length(planned[around, hand_tracks(other)][:, :3]) <= 0.02
     wish = _path_length(planned[first:stop, hand_tracks(gesture.side)][:, :3])
     if not stays or wish < 0.05:
         return None
-    moves_enough = _path_length(places[gesture.side][first:stop]) >= MIN_PATH_SHARE * wish
-    return moves_enough and bool(_speed(places[other])[first:stop].mean() < STILL_M_S)
+    moves_enough = _path_length(wrists[gesture.side][first:stop]) >= MIN_PATH_SHARE * wish
+    return moves_enough and bool(_speed(wrists[other])[first:stop].mean() < STILL_M_S)
 
 
-def _phases_of(plan: GesturePlan, gesture: Gesture) -> list[HandPhase]:
+def _phases_of(plan: GesturePlan, gesture: GestureKey) -> list[HandPhase]:
     """Return preparation and stroke of a gesture."""
     phases = plan.hand(gesture.side)
     at = [abs(p.end_s - gesture.stroke_end_s) if p.phase == "stroke" else math.inf for p in phases]
@@ -154,12 +156,10 @@ def _speed(path: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
     return np.linalg.norm(np.gradient(smooth, axis=0), axis=1) * FPS
 
 
-def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[PlanResult, Gesture | None]:
-    """Make a random valid edit; returns the plan, and the edited gesture unless it is deleted.
-
-    Raises:
-        PlanError: if none of a hundred edits is valid.
-    """
+def random_edit(
+    plan: GesturePlan, rng: np.random.Generator
+) -> tuple[PlanResult, GestureKey | None]:
+    """Return a random valid edit and its gesture unless deleted; raises PlanError if none."""
     for _ in range(100):
         there = [g for side in SIDES for g in gestures(plan, side)]
         name = EDITS[rng.integers(len(EDITS))]
@@ -167,9 +167,9 @@ def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[PlanResult
             if there and name != "add":
                 edited, gesture = _changed(plan, there[rng.integers(len(there))], name, rng)
             else:
-                kind = str(rng.choice(list(USUAL_STROKE_ENDS)))
+                kind = str(rng.choice(list(USUAL_STROKE_GOALS)))
                 at_s = round(float(rng.uniform(1.0, plan.duration_s - 1.0)), 3)
-                gesture = Gesture(SIDES[rng.integers(2)], at_s)
+                gesture = GestureKey(SIDES[rng.integers(2)], at_s)
                 edited = add_gesture(plan, kind, at_s, gesture.side)
         except PlanError:
             continue
@@ -178,17 +178,17 @@ def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[PlanResult
 
 
 def _changed(
-    plan: GesturePlan, old: Gesture, name: str, rng: np.random.Generator
-) -> tuple[PlanResult, Gesture | None]:
+    plan: GesturePlan, old: GestureKey, name: str, rng: np.random.Generator
+) -> tuple[PlanResult, GestureKey | None]:
     by = float(rng.uniform(0.2, 1.5))
     if name == "move":
         to_s = round(old.stroke_end_s + float(rng.uniform(-1.5, 1.5)), 3)
-        return move_gesture(plan, old, to_s), Gesture(old.side, to_s)
+        return move_gesture(plan, old, to_s), GestureKey(old.side, to_s)
     if name == "delete":
         return delete_gesture(plan, old), None
     if name == "hand":
         other = SIDES[1 - SIDES.index(old.side)]
-        return change_hands(plan, old, other), Gesture(other, old.stroke_end_s)
+        return change_hands(plan, old, other), GestureKey(other, old.stroke_end_s)
     if name == "hold":
         return set_hold(plan, old, by), old
     if name == "size":
@@ -220,28 +220,31 @@ def _jerk_and_sliding(tracks: Tracks, frames: range) -> tuple[float, float]:
     return float(jerk), foot_slide(joints[:, FEET])
 
 
-def score_clip(
+def generate_and_score(
     system: System,
     speech: Speech,
     speaker: str,
-    edits: int,
+    num_edits: int,
     rng: np.random.Generator,
     scores: Scores,
 ) -> list[Motion]:
-    """Evaluate one clip, and return the unedited motion, then each edited one."""
+    """Generate a clip and edited versions, add results to ``scores``, and return the motions.
+
+    The unedited motion is the first, then each edited one.
+    """
     skeleton = open_body_skeleton()
     options = GenerateOptions(speaker, seed=int(rng.integers(1000)))
     (plan,) = draw_conditions(system, speech, options)
     first = regenerate(system, speech, replace(options, conditions=(plan,)))
     tracks = track_points(first.motion, skeleton)
-    places = wrist_positions_in_chest_frame(tracks)
-    scores["rests at rest"] += [float(s < STILL_M_S) for s in rest_speeds(places, plan)]
+    wrists = wrist_positions_in_chest_frame(tracks)
+    scores["rests at rest"] += [float(s < STILL_M_S) for s in rest_speeds(wrists, plan)]
 
     def again(changed: GesturePlan) -> GenerationState:
         return regenerate(system, speech, replace(options, conditions=(changed,)), first)
 
     motions = [first.motion]
-    for _ in range(edits):
+    for _ in range(num_edits):
         edited, gesture = random_edit(plan, rng)
         made = again(edited.plan)
         motions.append(made.motion)
@@ -253,10 +256,10 @@ def score_clip(
                 gesture.side, edited.plan.hand(gesture.side)
             )
             lags = stroke_lags(new, own, range(end - 1, end + 2))
-            scores["the edited stroke in time"] += _within_tolerance(lags)
+            scores["edited stroke in time"] += _within_tolerance(lags)
             alone = only_one_hand_moves(new, edited.plan, gesture)
             if alone is not None:
-                scores["the asked hand moves, the other not"].append(float(alone))
+                scores["edited hand moves, other hand does not"].append(float(alone))
         for part in made.changed_frames:
             if len(part) > 15:
                 jerk, slide = _jerk_and_sliding(new_tracks, part)
@@ -266,7 +269,7 @@ def score_clip(
                     scores["slide, edited / unedited"].append(slide / slide_before)
     there = [g for side in SIDES for g in gestures(plan, side)]
     inside = [g for g in there if 1 < g.stroke_end_s < plan.duration_s - 1]
-    for k in rng.permutation(len(inside))[: max(1, edits // 4)]:
+    for k in rng.permutation(len(inside))[: max(1, num_edits // 4)]:
         gesture = inside[k]
         larger = _varied(plan, gesture, SIZES, scale_gesture, again)
         scores["sizes in order"] += _pairwise_order([gesture_size(one, gesture) for one in larger])
@@ -294,9 +297,9 @@ def fgd_of_edits(clips: Sequence[Sequence[Features]]) -> dict[str, dict[str, flo
 
 def _varied(
     plan: GesturePlan,
-    gesture: Gesture,
+    gesture: GestureKey,
     values: Sequence[float],
-    change: Callable[[GesturePlan, Gesture, float], PlanResult],
+    change: Callable[[GesturePlan, GestureKey, float], PlanResult],
     again: Callable[[GesturePlan], GenerationState],
 ) -> list[WristPositions]:
     """Return wrist positions for each value in turn; empty if the plan rejects one."""
@@ -316,52 +319,51 @@ def _pairwise_order(measured: Sequence[float]) -> list[float]:
     return [float(b > a) for a, b in pairwise(measured)]
 
 
-def gesture_size(places: WristPositions, gesture: Gesture) -> float:
+def gesture_size(wrists: WristPositions, gesture: GestureKey) -> float:
     """Compute a gesture's size: the distance of the stroke's end from the rest position (m)."""
-    return math.dist(_lands_at(places, gesture), REST_POSITION)
+    return math.dist(_lands_at(wrists, gesture), REST_POSITION)
 
 
-def _lands_at(places: WristPositions, gesture: Gesture) -> Float[np.ndarray, " 3"]:
+def _lands_at(wrists: WristPositions, gesture: GestureKey) -> Float[np.ndarray, " 3"]:
     at = round(gesture.stroke_end_s * FPS)
-    return places[gesture.side][at - 2 : at + 3].mean(axis=0)
+    return wrists[gesture.side][at - 2 : at + 3].mean(axis=0)
 
 
 def score_recording(motion: Motion, plan: GesturePlan, scores: Scores) -> None:
     """Evaluate recorded motion against its annotation."""
-    places = wrist_positions_in_chest_frame(track_points(motion, open_body_skeleton()))
-    scores["recorded: strokes in time"] += _within_tolerance(stroke_lags(places, plan))
+    wrists = wrist_positions_in_chest_frame(track_points(motion, open_body_skeleton()))
+    scores["recorded: strokes in time"] += _within_tolerance(stroke_lags(wrists, plan))
     there = [g for side in SIDES for g in gestures(plan, side)]
     alone = [
-        only_one_hand_moves(places, plan, g)
+        only_one_hand_moves(wrists, plan, g)
         for g in there
         if 1 < g.stroke_end_s < plan.duration_s - 1
     ]
-    scores["recorded: one hand moves, the other not"] += [
+    scores["recorded: one hand moves, other hand does not"] += [
         float(each) for each in alone if each is not None
     ]
 
 
 def evaluate_adherence(
-    folder: Path, weights: Path, clips: int, edits: int, seed: int
+    folder: Path, weights: Path, num_clips: int, num_edits: int, seed: int
 ) -> Iterator[dict[str, dict[str, float]]]:
     """Run the protocol; yields the results of all clips so far by metric after each clip.
 
     Args:
-        folder: a corpus with annotated plans.
-        edits: number of edits of each clip.
+        num_edits: number of edits of each clip.
     """
     scores, rng = Scores(list), np.random.default_rng(seed)
-    system = load_system(default_planner(), weights)
-    encoder, encoded_clips = load_encoder(weights, FGD_ENCODER), []
+    system = load_system(default_planning_system(), weights)
+    encoder, encoded_clips = load_motion_encoder(weights, FGD_ENCODER), []
     names = [n for n, split in read_split(folder).items() if split == "test"]
     clip_names = [n for n in names if parse_speaker(n)[1] in system.speakers]
-    for name in rng.permutation(np.array(clip_names))[:clips].tolist():
+    for name in rng.permutation(np.array(clip_names))[:num_clips].tolist():
         motion, speech = read_motion_and_speech(folder, name)
         cut = Speech(speech.waveform[: round(SPEECH_S * SAMPLE_RATE)], speech.sha256)
-        plan = read_annotated_plan(folder / "textgrid" / f"{name}.TextGrid")
-        recorded = first_frames(motion, cut.num_frames)
+        plan = read_corpus_plan(folder / "textgrid" / f"{name}.TextGrid")
+        recorded = first_frames(motion, cut.num_motion_frames)
         score_recording(recorded, _until(plan, cut.duration_s), scores)
-        made = score_clip(system, cut, parse_speaker(name)[1], edits, rng, scores)
+        made = generate_and_score(system, cut, parse_speaker(name)[1], num_edits, rng, scores)
         codes = [motion_features(encoder, motion) for motion in (recorded, *made)]
         encoded_clips.append([one for one in codes if one is not None])
         yield mean_scores(scores) | fgd_of_edits(encoded_clips)

@@ -32,7 +32,7 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import DataError, parse_speaker, read_motion_and_speech, read_split
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
-from model.metrics.face import wrist_speed
+from model.metrics.face import wrist_speed_sum
 from model.metrics.speech_effect import (
     LEAST_FRAMES,
     SILENCE_S,
@@ -44,7 +44,7 @@ from model.metrics.speech_effect import (
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
-from model.sampling.samplers import Sampling, clip_seed
+from model.sampling.samplers import Sampling, noise_seed_of_clip
 from model.speech.audio import Speech, SpeechError
 from model.speech.features import NUM_MELS
 from model.storage.npz import MotionError
@@ -60,8 +60,7 @@ BODY_PARTS_OF_METRIC: Mapping[str, tuple[str, ...]] = {
     "matched_arms": ("arms",),
     "matched_face": ("face",),
 }
-"""Metrics, and the body parts in their agreements: lips, which would dominate, have a separate
-metric."""
+"""Metrics, and the body parts in their agreements: lips, which would dominate, have their own."""
 TIE_MARGIN = 1e-3
 """Difference of two agreements below which they are a tie."""
 _VOICING = NUM_MELS + 3
@@ -92,7 +91,7 @@ def split_into_pieces(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "N 30
     return rows[: count * PIECE_FRAMES].reshape(count, PIECE_FRAMES, rows.shape[1])
 
 
-def matched_speech_accuracy(
+def matched_speech_metrics(
     matcher: SpeechMotionMatcher, motion: Motion, own: _MelFeatures, foreign: _MelFeatures
 ) -> dict[str, float]:
     """Compute how often the classifier prefers the motion's own speech (`BODY_PARTS_OF_METRIC`).
@@ -113,8 +112,8 @@ def matched_speech_accuracy(
     for measure, parts in BODY_PARTS_OF_METRIC.items():
         agreed = matcher.agreements(poses, torch.cat([right, wrong]), parts)
         scores[measure] = win_rate(agreed[:, : len(right)].diagonal(), agreed[:, len(right) :])
-    moved, predicted = matcher.arm_speeds(poses, right)
-    scores["arm_speed_heard"] = float(agreement(predicted, moved).diagonal().mean())
+    moved, predicted = matcher.measured_and_predicted_log_arm_speed(poses, right)
+    scores["arm_speed_heard"] = float(agreement(moved, predicted).diagonal().mean())
     return scores
 
 
@@ -155,7 +154,7 @@ SPEECH_S = 10.0
 """Longest speech of each clip (s)."""
 NOISE_SEEDS = 2
 SPEAKERS_NOT_COMPARED = (
-    "Speakers are not compared: not every system knows those that were asked for."
+    "Speakers are not compared: not every system was trained on both requested speakers."
 )
 
 
@@ -234,12 +233,12 @@ def arm_speaker_effect(motions: Grid) -> dict[str, float]:
     }
 
 
-def wrist_speeds(motions: Grid, speakers: tuple[str, str]) -> dict[str, float]:
+def calm_and_lively_wrist_speeds(motions: Grid, speakers: tuple[str, str]) -> dict[str, float]:
     """Compute the mean wrist speed (m/s), pelvis-aligned, of a calm and of a lively speaker."""
     speeds: dict[str, list[float]] = {speaker: [] for speaker in speakers}
     for (speaker, _), motion in motions.items():
         joints = track_points(motion, open_body_skeleton()).joints
-        speeds[speaker].append(float(wrist_speed(joints - joints[:, :1]).mean()))
+        speeds[speaker].append(float(wrist_speed_sum(joints - joints[:, :1]).mean()))
     calm, lively = (float(np.mean(speeds[speaker])) for speaker in speakers)
     return {"calm_wrist_m_s": calm, "lively_wrist_m_s": lively}
 
@@ -251,15 +250,12 @@ class SpeakerComparisonClips:
     names: tuple[str, ...]
     speakers: tuple[str, str] | None
     """A calm and a lively speaker; None if a system lacks one: then each clip's own is used."""
-    recorded: Mapping[str, tuple[str, str]]
-    """A recording of the calm speaker and one of the lively for each clip."""
+    recording_names: Mapping[str, tuple[str, str]]
+    """Names of a recording of the calm speaker and one of the lively for each clip."""
 
     @staticmethod
     def choose(
-        folder: Path,
-        clips: Sequence[str],
-        systems: Sequence[System],
-        speakers: tuple[str, str],
+        folder: Path, clips: Sequence[str], systems: Sequence[System], speakers: tuple[str, str]
     ) -> "SpeakerComparisonClips":
         """Choose the first clips, and recordings of the speakers from any split."""
         names = tuple(clips[:NUM_CLIPS])
@@ -271,33 +267,36 @@ class SpeakerComparisonClips:
 
     def recorded_wrist_speeds(self, folder: Path, name: str) -> dict[str, float]:
         """Compute wrist speeds of the recordings that go with clip ``name``; empty without any."""
-        if name not in self.recorded or self.speakers is None:
+        if name not in self.recording_names or self.speakers is None:
             return {}
-        pairs = zip(self.speakers, self.recorded[name], strict=True)
+        pairs = zip(self.speakers, self.recording_names[name], strict=True)
         motions = {(speaker, 0): read_motion_and_speech(folder, clip)[0] for speaker, clip in pairs}
-        return wrist_speeds(motions, self.speakers)
+        return calm_and_lively_wrist_speeds(motions, self.speakers)
 
-    def measures(
+    def few_clip_metrics(
         self, system: System, name: str, speech: Speech, sampling: Sampling
     ) -> dict[str, float]:
         """Compute a system's metrics on clip ``name``; empty if it is not among the few."""
         if name not in self.names:
             return {}
-        audio = append_silence(speech)
-        spoken = audio.num_frames - round(SILENCE_S * FPS)
+        audio = cut_and_append_silence(speech)
+        spoken = audio.num_motion_frames - round(SILENCE_S * FPS)
         speakers = self.speakers or (parse_speaker(name)[1],)
         moved = {
             speaker: generate_motion(
                 system,
                 audio,
                 GenerateOptions(
-                    speaker, seed=clip_seed(0, name), samples=NOISE_SEEDS, **vars(sampling)
+                    speaker,
+                    seed=noise_seed_of_clip(0, name),
+                    num_samples=NOISE_SEEDS,
+                    **vars(sampling),
                 ),
             )
             for speaker in speakers
         }
         motions = [motion for own in moved.values() for motion in own]
-        voiced = np.arange(audio.num_frames) < spoken
+        voiced = np.arange(audio.num_motion_frames) < spoken
         silences = [silence_speed_ratio(motion, voiced) for motion in motions]
         averages = average_metrics(silences)
         if self.speakers is None or spoken < LEAST_FRAMES:
@@ -311,17 +310,17 @@ class SpeakerComparisonClips:
         return averages | {
             "arms_by_speaker": manner["by_speaker"],
             "arm_rotations_other_speaker": manner["arm_rotations_same_noise"],
-            **wrist_speeds(speaking, self.speakers),
+            **calm_and_lively_wrist_speeds(speaking, self.speakers),
         }
 
 
-def average_metrics(by_clip: Sequence[Mapping[str, float]]) -> dict[str, float]:
+def average_metrics(samples: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """Average each metric, for example over noise seeds, without those that any of them lacks."""
-    names = [name for name in by_clip[0] if all(name in one for one in by_clip)]
-    return {name: float(np.mean([one[name] for one in by_clip])) for name in names}
+    names = [name for name in samples[0] if all(name in one for one in samples)]
+    return {name: float(np.mean([one[name] for one in samples])) for name in names}
 
 
-def append_silence(speech: Speech) -> Speech:
+def cut_and_append_silence(speech: Speech) -> Speech:
     """Return the first `SPEECH_S` of a speech, and `SILENCE_S` of digital silence after it."""
     spoken = speech.waveform[: round(SPEECH_S * SAMPLE_RATE)]
     silence = np.zeros(round(SILENCE_S * SAMPLE_RATE), np.float32)

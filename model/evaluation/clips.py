@@ -19,32 +19,27 @@ from model.evaluation.classifiers import (
     SpeakerComparisonClips,
     average_metrics,
     frame_loudness,
-    matched_speech_accuracy,
+    matched_speech_metrics,
     voiced_frames,
 )
 from model.evaluation.frechet import window_diversity
-from model.evaluation.tables import (
-    Estimate,
-    bootstrap,
-    bootstrap_ratio,
-    bootstrap_statistic,
-)
+from model.evaluation.tables import Estimate, bootstrap_mean, bootstrap_ratio, bootstrap_statistic
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
 from model.metrics import beats, face, reference_error, speech_effect
 from model.metrics.face import (
-    face_hand_correlation,
+    face_hand_correlation_above_chance,
     face_measures,
-    max_lag_correlation,
-    wrist_speed,
+    max_correlation_over_lags,
+    wrist_speed_sum,
 )
 from model.metrics.reference_error import l1_distance_to_mean
 from model.metrics.speech_effect import SILENCE_S, silence_speed_ratio
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
-from model.networks.autoencoder import FrozenEncoder
-from model.sampling.samplers import Sampling, clip_seed
+from model.networks.autoencoder import FrozenMotionEncoder
+from model.sampling.samplers import Sampling, noise_seed_of_clip
 from model.speech.audio import Speech
 from model.speech.features import MelEncoder
 from model.storage.files import written_atomically
@@ -53,8 +48,8 @@ from model.systems.helpers.matching import SpeechMotionMatcher
 _ANKLES = [JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]]
 MOTION_MEASURES = (
     "tip_jerk_m_s3",
-    "tip_path_m_s",
-    "tip_velocity_power_above_5hz",
+    "tip_speed_m_s",
+    "tip_velocity_power_share_above_5hz",
     "seam_jerk_ratio",
     "foot_slide_m_s",
 )
@@ -64,7 +59,9 @@ def clip_measures(
     motion: Motion, recorded: Motion, joints: Float[np.ndarray, "T 55 3"]
 ) -> dict[str, float]:
     """Compute smoothness, wander, diversity and face error, as far as the clip is long enough."""
-    analysis = analyse_raw(motion, open_body_skeleton(), windows=GLOBALDIFF_WINDOWS).raw.as_json()
+    analysis = analyse_raw(
+        motion, open_body_skeleton(), windows=GLOBALDIFF_WINDOWS
+    ).metrics.as_json()
     numbers = {name: analysis[name] for name in MOTION_MEASURES if analysis[name] is not None}
     jerk = np.asarray(analysis["joint_jerk_m_s3"], float)
     numbers["ankle_jerk_m_s3"] = float(jerk[_ANKLES].mean())
@@ -121,15 +118,15 @@ def face_error(motion: Motion, recorded: Motion) -> float:
 RECORDED = "recorded"
 RATIOS = (
     "tip_jerk_m_s3",
-    "tip_path_m_s",
-    "tip_velocity_power_above_5hz",
+    "tip_speed_m_s",
+    "tip_velocity_power_share_above_5hz",
     "foot_slide_m_s",
     "ankle_jerk_m_s3",
     "pelvis_wander_m",
     "seam_jerk_ratio",
 )
 """Metrics that are also shown as ratios to those of the recorded clips."""
-ROWS_FORMAT = 3
+ROWS_FORMAT = 4
 """Format version of `save_rows`; it changes with the content."""
 PAIRWISE_FRAMES = 300
 """Frames of each clip in pairwise distances: the first 10 s."""
@@ -142,18 +139,19 @@ class ClipRow:
     measures: dict[str, float]
     arrays: dict[str, np.ndarray]
     """``positions``: pelvis-aligned joints of the first frames for each noise seed, for the
-    pairwise distances; ``windows`` of the first seed (`reference_error.cut_into_windows`); and
+    pairwise distances; ``windows`` of the first seed (`reference_error.diversity_windows`); and
     codes by distance."""
 
 
 @dataclass(frozen=True)
-class ClipTargets:
-    """Recorded motion and speech of one clip, with which every row is compared."""
+class ClipContext:
+    """Recorded motion, speeches and models of one clip, with which every row is measured."""
 
     recorded: Motion
     waveform: np.ndarray
     foreign_waveform: np.ndarray
-    mean_speed: np.ndarray
+    joint_mean_speeds: np.ndarray
+    """Mean speeds (m/s) of the joints with beats, over all clips."""
     models: "EvaluationModels"
 
     @cached_property
@@ -166,7 +164,7 @@ class ClipTargets:
         return own, foreign
 
     @cached_property
-    def onsets(self) -> np.ndarray:
+    def onsets_s(self) -> np.ndarray:
         """Onsets of the clip's speech (s)."""
         return beats.speech_onsets(self.waveform)
 
@@ -175,7 +173,7 @@ class ClipTargets:
         """Loudness of the clip's speech (dB for each frame)."""
         return frame_loudness(self.waveform, self.recorded.num_frames)
 
-    def wrists_with_loudness(
+    def wrist_loudness_correlations(
         self, positions: Sequence[Float[np.ndarray, "T J 3"]]
     ) -> dict[str, float]:
         """Compute correlations of wrist speed with the speech's loudness, and chance levels.
@@ -189,7 +187,12 @@ class ClipTargets:
         }
         own, *wrong = (
             float(
-                np.mean([max_lag_correlation(wrist_speed(joints), track) for joints in positions])
+                np.mean(
+                    [
+                        max_correlation_over_lags(wrist_speed_sum(joints), track)
+                        for joints in positions
+                    ]
+                )
             )
             for track in (self.loudness, *others.values())
         )
@@ -208,16 +211,15 @@ class ClipTargets:
 
         Args:
             foreign_speech_motions: the system's motions for the foreign speech with the same noise.
-            other_metrics: metrics of other motions, to be added.
         """
         positions = [pelvis_centred_positions(motion) for motion in motions]
         numbers = [
             clip_measures(motion, self.recorded, joints)
-            | beats.beat_scores(joints, self.onsets, self.mean_speed)
+            | beats.beat_scores(joints, self.onsets_s, self.joint_mean_speeds)
             | face_measures(motion, self.loudness)
-            | face_hand_correlation(motion, joints)
+            | face_hand_correlation_above_chance(motion, joints)
             | (
-                matched_speech_accuracy(self.models.matching_classifier, motion, *self.mel_features)
+                matched_speech_metrics(self.models.matching_classifier, motion, *self.mel_features)
                 if self.models.matching_classifier
                 else {}
             )
@@ -225,7 +227,7 @@ class ClipTargets:
         ]
         arrays = {
             "positions": np.stack([joints[:PAIRWISE_FRAMES] for joints in positions]),
-            "windows": reference_error.cut_into_windows(motions[0]),
+            "windows": reference_error.diversity_windows(motions[0]),
         }
         for name, judge in self.models.encoders.items():
             judged = [frechet.motion_features(judge, motion) for motion in motions]
@@ -237,7 +239,7 @@ class ClipTargets:
             | speech_effect_metrics(motions, foreign_speech_motions)
             | dict(other_metrics)
         )
-        return ClipRow(measures | self.wrists_with_loudness(positions), arrays)
+        return ClipRow(measures | self.wrist_loudness_correlations(positions), arrays)
 
 
 def save_rows(path: Path, rows: dict[str, ClipRow]) -> None:
@@ -268,16 +270,16 @@ class EvaluationModels:
     """Systems, and the networks with which they are evaluated."""
 
     systems: tuple[System, ...]
-    encoders: Mapping[str, FrozenEncoder] = field(default_factory=dict)
+    encoders: Mapping[str, FrozenMotionEncoder] = field(default_factory=dict)
     """Encoders of the Fréchet distances, by distance; one without an encoder is left out."""
     matching_classifier: SpeechMotionMatcher | None = None
     """Classifier of matched and mismatched speech; None leaves the metric out."""
 
 
-def read_recording(folder: Path, name: str) -> tuple[Motion, Speech]:
-    """Read the frames that motion and speech have in common."""
+def read_trimmed_recording(folder: Path, name: str) -> tuple[Motion, Speech]:
+    """Read a clip's motion, cut to the frames of its speech, and its whole speech."""
     motion, speech = read_motion_and_speech(folder, name)
-    return first_frames(motion, min(motion.num_frames, speech.num_frames)), speech
+    return first_frames(motion, min(motion.num_frames, speech.num_motion_frames)), speech
 
 
 @dataclass(frozen=True)
@@ -286,20 +288,22 @@ class ClipEvaluator:
 
     folder: Path
     load_models: Callable[[], EvaluationModels]
-    seeds: int
+    num_seeds: int
     sampling: Sampling
     speaker_comparison: SpeakerComparisonClips
     speaker_classifier: SpeakerClassifier | None
-    mean_speed: np.ndarray
+    joint_mean_speeds: np.ndarray
     """Mean speeds (m/s) of the joints with beats, over all clips."""
 
-    def measure(self, name: str, other: str, out: Path) -> None:
-        """Measure clip ``name`` and write its rows; the speech of ``other`` is mismatched."""
+    def measure(self, name: str, foreign_clip: str, out: Path) -> None:
+        """Measure clip ``name``, with mismatched speech of ``foreign_clip``, and write its rows."""
         models = self.load_models()
         (motion, speech), (_, foreign) = (
-            read_recording(self.folder, clip) for clip in (name, other)
+            read_trimmed_recording(self.folder, clip) for clip in (name, foreign_clip)
         )
-        context = ClipTargets(motion, speech.waveform, foreign.waveform, self.mean_speed, models)
+        context = ClipContext(
+            motion, speech.waveform, foreign.waveform, self.joint_mean_speeds, models
+        )
         # Silences of the clip's own speech; empty if none is long enough.
         in_silence = silence_speed_ratio(motion, voiced_frames(context.mel_features[0]))
         of_recordings = (
@@ -312,13 +316,13 @@ class ClipEvaluator:
             sampling = system.supported_sampling(self.sampling)
             options = GenerateOptions(
                 speaker=parse_speaker(name)[1],
-                seed=clip_seed(0, name),
-                samples=self.seeds,
+                seed=noise_seed_of_clip(0, name),
+                num_samples=self.num_seeds,
                 **vars(sampling),
             )
             motions = generate_motion(system, speech, options)
             foreign_speech_motions = generate_motion(system, foreign, options)
-            other_metrics = self.speaker_comparison.measures(system, name, speech, sampling)
+            other_metrics = self.speaker_comparison.few_clip_metrics(system, name, speech, sampling)
             other_metrics |= self._speaker_metrics(motions, name)
             rows[system.name] = context.row(motions, foreign_speech_motions, other_metrics)
         save_rows(out, rows)
@@ -346,7 +350,7 @@ def clip_metrics_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[s
         columns: dict[str, Estimate] = {}
         for measure in dict.fromkeys(m for row in rows for m in row.measures):
             values = [row.measures[measure] for row in rows if measure in row.measures]
-            columns[measure] = bootstrap(values)
+            columns[measure] = bootstrap_mean(values)
         for measure in RATIOS:
             pairs = [
                 (row.measures[measure], own.measures[measure])
@@ -413,7 +417,7 @@ def _chance_spread(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> E
             for j, other in enumerate(speakers[:i])
             if one == other
         ]
-    return bootstrap(values) if values else None
+    return bootstrap_mean(values) if values else None
 
 
 def _pairwise(positions: Sequence[Float[np.ndarray, "T J 3"]]) -> Estimate:

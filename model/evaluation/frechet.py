@@ -14,9 +14,9 @@ from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
 from model.evaluation.tables import Estimate, bootstrap_statistic, percentile_interval
-from model.metrics.reference_error import GESTURE_DIM, pairwise_l1, window_batches
-from model.motion.motion import Motion, arkit_weights
-from model.networks.autoencoder import FrozenEncoder, input_vectors
+from model.metrics.reference_error import GESTURE_DIM, pairwise_l1, shuffled_window_batches
+from model.motion.motion import Motion, arkit_weights_or_zeros
+from model.networks.autoencoder import FrozenMotionEncoder, autoencoder_input
 from model.systems.helpers.config import FED_ENCODER, FGD_ENCODER, FMD_ENCODER
 
 ENCODERS = {"fmd": FMD_ENCODER, "fed": FED_ENCODER, "fgd": FGD_ENCODER}
@@ -29,8 +29,8 @@ _ONE_THREAD = threadpool_limits.wrap(limits=1, user_api="blas")
 """Limit of numpy's BLAS to one thread: on matrices this small, several only wait for each other."""
 
 
-def unavailable_encoders(
-    encoders: Mapping[str, FrozenEncoder], recorded: Iterable[Motion]
+def left_out_sentences(
+    encoders: Mapping[str, FrozenMotionEncoder], recorded: Iterable[Motion]
 ) -> list[str]:
     """Format a sentence for each metric without its encoder, or without ARKit blendshapes."""
     sentences = [
@@ -40,13 +40,13 @@ def unavailable_encoders(
     ]
     if any(motion.expression_basis != "arkit52" for motion in recorded):
         sentences.append(
-            "FMD, FED and Div of body and face are left out where faces are not in ARKit's units."
+            "FMD, FED and Div of body and face are left out for motions without ARKit blendshapes."
         )
     return sentences
 
 
 @torch.inference_mode()
-def motion_features(encoder: FrozenEncoder, motion: Motion) -> Features | None:
+def motion_features(encoder: FrozenMotionEncoder, motion: Motion) -> Features | None:
     """Compute the coarsest codes of a clip; None if the encoder needs blendshapes that it lacks."""
     config = encoder.network.config
     if config.face_channels > 0 and motion.expression_basis != "arkit52":
@@ -54,9 +54,9 @@ def motion_features(encoder: FrozenEncoder, motion: Motion) -> Features | None:
     whole = motion.num_frames - motion.num_frames % max(config.scales)
     poses, trans, face = (
         torch.from_numpy(array[:whole].copy())[None]
-        for array in (motion.poses, motion.trans, arkit_weights(motion))
+        for array in (motion.poses, motion.trans, arkit_weights_or_zeros(motion))
     )
-    codes = encoder.codes(input_vectors(config, poses, trans, face))[-1]
+    codes = encoder.codes(autoencoder_input(config, poses, trans, face))[-1]
     return codes[0].numpy().astype(np.float64)
 
 
@@ -146,7 +146,7 @@ def _over_batches(
 ) -> Estimate:
     """Compute the mean over pairs, and its interval over clips."""
     sums, pairs = np.zeros((2, num_clips, num_clips))
-    for batch in window_batches(len(windows)):
+    for batch in shuffled_window_batches(len(windows)):
         between = owner[batch][:, None], owner[batch]
         np.add.at(sums, between, pairwise_l1(windows[batch]))
         np.add.at(pairs, between, 1.0 - np.eye(len(batch)))

@@ -24,7 +24,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion
 from model.motion.tracks import track_points, wrist_positions_in_chest_frame
 from model.plan.detection import WEIGHTS, PhaseNetwork, hand_features, plan_from_motion
-from model.plan.files import read_annotated_plan
+from model.plan.files import read_corpus_plan
 from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase
 from model.storage.files import written_atomically
 
@@ -112,7 +112,9 @@ def merge_adjacent_holds(phases: Iterable[HandPhase]) -> list[HandPhase]:
     return joined
 
 
-def agreement(detected: GesturePlan, annotated: GesturePlan) -> dict[str, DetectionCounts]:
+def detection_counts_by_metric(
+    detected: GesturePlan, annotated: GesturePlan
+) -> dict[str, DetectionCounts]:
     """Count matches of a detected plan with an annotated one, by metric."""
     counts: defaultdict[str, DetectionCounts] = defaultdict(DetectionCounts)
     for side in SIDES:
@@ -187,7 +189,7 @@ def train_phase_network(folder: Path, names: Sequence[str], out: Path) -> None:
 
 def _recorded(folder: Path, name: str):
     tracks = track_points(load_motion(folder / f"smplxflame_30/{name}.npz"), open_body_skeleton())
-    plan = read_annotated_plan(folder / f"textgrid/{name}.TextGrid")
+    plan = read_corpus_plan(folder / f"textgrid/{name}.TextGrid")
     return plan, wrist_positions_in_chest_frame(tracks)
 
 
@@ -243,12 +245,7 @@ def _duration_statistics(clips: Sequence[Sequence[tuple[int, float]]]) -> dict[s
 def evaluate_detection(
     folder: Path, clips: int | None, trains_first: bool
 ) -> Iterator[dict[str, dict[str, float]]]:
-    """Run the protocol; yields the results of all clips so far by metric after each clip.
-
-    Args:
-        folder: a corpus with annotated plans.
-        trains_first: True to train the network first.
-    """
+    """Run the protocol; yields the results of all clips so far by metric after each clip."""
     total: defaultdict[str, DetectionCounts] = defaultdict(DetectionCounts)
     speakers: defaultdict[str, DetectionCounts] = defaultdict(DetectionCounts)
     split = read_split(folder)
@@ -257,8 +254,10 @@ def evaluate_detection(
         train_phase_network(folder, learned, WEIGHTS)
     for name in [name for name, of in split.items() if of == "test"][:clips]:
         motion = load_motion(folder / f"smplxflame_30/{name}.npz")
-        annotated = read_annotated_plan(folder / f"textgrid/{name}.TextGrid")
-        counts = agreement(plan_from_motion(motion, open_body_skeleton()), annotated)
+        annotated = read_corpus_plan(folder / f"textgrid/{name}.TextGrid")
+        counts = detection_counts_by_metric(
+            plan_from_motion(motion, open_body_skeleton()), annotated
+        )
         for question, one in counts.items():
             total[question] += one
         speakers[parse_speaker(name)[1]] += counts["strokes"]

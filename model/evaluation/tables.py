@@ -19,6 +19,7 @@ class Estimate:
     """Value over clips with its 95 % percentile interval."""
 
     mean: float
+    """The value: a mean over clips, a ratio of means, or a distance such as FGD."""
     low: float
     high: float
 
@@ -31,11 +32,7 @@ class Estimate:
 def bootstrap_statistic(
     statistic: Callable[[Int[np.ndarray, " n"]], float], num_clips: int, draws: int = DRAWS
 ) -> Estimate:
-    """Compute a statistic of all clips, with its bootstrap interval over clips.
-
-    Args:
-        statistic: function of the indices of clips.
-    """
+    """Compute a statistic of clip indices for all clips, with its bootstrap interval."""
     values = [statistic(index) for index in bootstrap_indices(num_clips, draws)]
     return percentile_interval(statistic(np.arange(num_clips)), values)
 
@@ -57,7 +54,7 @@ def percentile_interval(
     return Estimate(float(value), float(low), float(high))
 
 
-def bootstrap(values: Sequence[float]) -> Estimate:
+def bootstrap_mean(values: Sequence[float]) -> Estimate:
     """Compute the mean over clips with its interval."""
     array = np.asarray(values, float)
     drawn = array[bootstrap_indices(len(array), DRAWS)].mean(axis=1)
@@ -116,9 +113,9 @@ COLUMNS = {
     "jaw_in_silence": "jaw speed",
     "tip_jerk_m_s3": "fingertip jerk, m/s^3",
     "tip_jerk_m_s3_ratio": "of recorded",
-    "tip_path_m_s": "fingertip speed, m/s",
+    "tip_speed_m_s": "fingertip speed, m/s",
     "tip_path_m_s_ratio": "of recorded",
-    "tip_velocity_power_above_5hz": "power > 5 Hz",
+    "tip_velocity_power_share_above_5hz": "power > 5 Hz",
     "tip_velocity_power_above_5hz_ratio": "of recorded",
     "seam_jerk_ratio": "jerk at seams / elsewhere",
     "seam_jerk_ratio_ratio": "of recorded",

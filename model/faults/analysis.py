@@ -31,7 +31,7 @@ class AnalysedMotion:
 
     motion: Motion
     tracks: Tracks
-    raw: MotionMetrics
+    metrics: MotionMetrics
     point: str
     """Name of the tracked point, which the ``tip_`` metrics follow."""
     reference: AnalysedMotion | None = None
@@ -57,15 +57,15 @@ class AnalysedMotion:
         return self.tracks.joints[:, list(FEET), 1].min(axis=1)
 
     @cached_property
-    def median_foot_height_m(self) -> float:
+    def median_lower_foot_height_m(self) -> float:
         """Median height of the lower foot (m), robust to frames with an impossible foot."""
         return float(np.median(self.lower_foot_height_m))
 
 
 MAX_RANGES = 20
 IMPOSSIBLE, VISIBLE, MEASURABLE = 3, 2, 1
-"""Gravities: no person moves so; visible in positions; visible in angles between neighbours or in
-numbers alone, which counts half."""
+"""Severities: no person moves like this; visible in positions; visible only in the angles between
+neighbouring bones or in numbers, which counts half."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +123,8 @@ class Finding:
         }
 
 
-def sort_by_severity(findings: Iterable[Finding]) -> list[Finding]:
-    """Sort findings: first what no person does, then what is furthest from what people do."""
+def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:
+    """Sort findings: first impossible ones, then by their deviation from what people do."""
     return sorted(findings, key=_order)
 
 
@@ -133,7 +133,7 @@ def _order(finding: Finding) -> tuple[bool, float]:
 
 
 def rank_findings(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding]]:
-    """Rank findings with the names of their motions: the gravest of each motion first.
+    """Rank findings with the names of their motions: the most serious of each motion first.
 
     Motions with the worst findings in sum come first; then all other findings, by severity.
     """
@@ -144,7 +144,7 @@ def rank_findings(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, 
         )
 
     order = sorted(findings, key=lambda name: badness(findings[name]), reverse=True)
-    ordered = [(name, sort_by_severity(findings[name])) for name in order]
+    ordered = [(name, most_serious_first(findings[name])) for name in order]
     first = [(name, finding) for name, listed in ordered for finding in listed[:1]]
     others = [(name, finding) for name, listed in ordered for finding in listed[1:]]
     return first + sorted(others, key=lambda other: _order(other[1]))
@@ -162,7 +162,7 @@ def longest_true_ranges(mask: Bool[np.ndarray, " T"]) -> tuple[tuple[int, int], 
     return tuple((start, end - 1) for start, end in runs[:MAX_RANGES])
 
 
-def worst_second_frame(values: Float[np.ndarray, " N"], is_lowest: bool = False) -> int | None:
+def middle_of_worst_second(values: Float[np.ndarray, " N"], is_lowest: bool = False) -> int | None:
     """Return the middle frame of the second with the highest, or the lowest, mean."""
     if len(values) < FPS:
         return None

@@ -51,8 +51,8 @@ interpolated between others change no speed."""
 
 
 def rotation_noise(analysed: AnalysedMotion) -> Iterator[Finding]:
-    raw = analysed.raw
-    measured = raw.rotations.joint_rotation_noise_deg.tolist()
+    metrics = analysed.metrics
+    measured = metrics.rotations.joint_rotation_noise_deg.tolist()
     noise = {
         name: value for name, value in zip(JOINT_NAMES, measured, strict=True) if value > NOISE_DEG
     }
@@ -67,7 +67,7 @@ def rotation_noise(analysed: AnalysedMotion) -> Iterator[Finding]:
     little = ", hardly visible" if noise[worst[0]] <= LITTLE_NOISE_DEG else ""
     message = f"Rotation noise{little}, in {where} (recorded clips: under 0.3°)."
     numbers: dict[str, Any] = {"noise_deg": noise}
-    attribution = raw.point.tip_jerk_attribution
+    attribution = metrics.point.tip_jerk_attribution
     shares = dict(zip(attribution.joints, np.nan_to_num(attribution.share).tolist(), strict=True))
     blamed = max(shares, key=lambda name: shares[name], default=None)
     if blamed in noise and shares[blamed] > 0.1:
@@ -222,17 +222,17 @@ s."""
 
 
 def window_seams(analysed: AnalysedMotion) -> Iterator[Finding]:
-    jerk = analysed.raw.seams.recurring_jerk
-    advance = analysed.raw.seams.fold_period_frames
-    if advance is None or jerk.phase_frame is None or jerk.p_value > SEAM_CHANCE:
+    jerk = analysed.metrics.seams.recurring_jerk
+    advance = analysed.metrics.seams.fold_period_frames
+    if advance is None or jerk.frame_in_period is None or jerk.p_value > SEAM_CHANCE:
         return
-    joins = range(jerk.phase_frame, analysed.num_frames, advance)
+    joins = range(jerk.frame_in_period, analysed.num_frames, advance)
     yield Finding(
         f"The body jumps every {advance} frames ({advance / FPS:.2f} s): at frame "
-        f"{jerk.phase_frame} of each window, the jerk is {jerk.ratio:.1f} times the median.",
+        f"{jerk.frame_in_period} of each window, the jerk is {jerk.ratio:.1f} times the median.",
         {
             "window_advance_frames": advance,
-            "phase_frame": jerk.phase_frame,
+            "frame_in_period": jerk.frame_in_period,
             "jerk_ratio": jerk.ratio,
         },
         limit_ratio=jerk.ratio,
@@ -243,7 +243,7 @@ def window_seams(analysed: AnalysedMotion) -> Iterator[Finding]:
 
 def periodic_jerk(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect jerk that recurs after another number of frames than the known windows."""
-    measured = analysed.raw.seams
+    measured = analysed.metrics.seams
     period, windows = measured.period, measured.fold_period_frames
     if period is None or (windows != period.frames and windows and period.frames % windows == 0):
         return
@@ -251,8 +251,8 @@ def periodic_jerk(analysed: AnalysedMotion) -> Iterator[Finding]:
         return
     if period.kind == "pulses":
         peak = (
-            f"at frame {period.phase_frame} of each period, it is {period.peak_over_median:.1f} "
-            "times the median"
+            f"at frame {period.frame_in_period} of each period, it is "
+            f"{period.peak_over_median:.1f} times the median"
         )
     else:
         peak = (
@@ -261,11 +261,11 @@ def periodic_jerk(analysed: AnalysedMotion) -> Iterator[Finding]:
         )
     yield Finding(
         f"The jerk of the {period.part} peaks every {period.frames} frames "
-        f"({period.frames / FPS:.2f} s), as it does at the seams of windows or codes: {peak}.",
+        f"({period.frames / FPS:.2f} s), as at the seams of windows or latent codes: {peak}.",
         {
             "period_frames": period.frames,
             "part": period.part,
-            "phase_frame": period.phase_frame,
+            "frame_in_period": period.frame_in_period,
             "peak_over_median": period.peak_over_median,
             "peak_over_minimum": period.peak_over_minimum,
             "p_value": period.p_value,
@@ -312,7 +312,7 @@ def reference_lag(analysed: AnalysedMotion) -> Iterator[Finding]:
     if abs(lag) < MIN_LAG_FRAMES or best < COPY_CORRELATION:
         return
     yield Finding(
-        f"This motion seems to be the reference {abs(lag) / FPS:.2f} s "
+        f"This motion seems to be a copy of the reference, {abs(lag) / FPS:.2f} s "
         f"{'later' if lag > 0 else 'earlier'}: when shifted back by this time, its joint speeds "
         f"correlate with those of the reference at r = {best:.2f}.",
         {"against": "reference", "lag_frames": lag, "correlation": best},
@@ -322,7 +322,7 @@ def reference_lag(analysed: AnalysedMotion) -> Iterator[Finding]:
 
 def speech_lag(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect motion that is late or early against the speech, constantly or increasingly."""
-    lag = analysed.raw.lag
+    lag = analysed.metrics.lag
     if lag is None or not lag.is_detected:
         return
     is_apart = min(abs(lag.lag_low_s), abs(lag.lag_high_s)) * FPS >= MIN_SPEECH_LAG_FRAMES - 0.5

@@ -15,7 +15,7 @@ from model.faults.analysis import (
     Finding,
     format_time,
     longest_true_ranges,
-    worst_second_frame,
+    middle_of_worst_second,
 )
 from model.metrics.face import blendshape_columns
 from model.metrics.joints import FINGER_JOINT_NAMES
@@ -41,7 +41,7 @@ CONTACT_SHARE = 0.35
 
 
 def lying_body(analysed: AnalysedMotion) -> Iterator[Finding]:
-    tilt = analysed.raw.posture.spine_tilt_deg
+    tilt = analysed.metrics.posture.spine_tilt_deg
     if not tilt.mean > LYING_DEG:
         return
     yield Finding(
@@ -52,11 +52,11 @@ def lying_body(analysed: AnalysedMotion) -> Iterator[Finding]:
     )
 
 
-def floor_offset(analysed: AnalysedMotion) -> Iterator[Finding]:
+def height_offset_to_reference(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect feet that stand above or below those of the reference."""
     if analysed.reference is None:
         return
-    apart = analysed.median_foot_height_m - analysed.reference.median_foot_height_m
+    apart = analysed.median_lower_foot_height_m - analysed.reference.median_lower_foot_height_m
     if abs(apart) <= LIFT_M:
         return
     where = "above" if apart > 0 else "below"
@@ -69,11 +69,11 @@ def floor_offset(analysed: AnalysedMotion) -> Iterator[Finding]:
 
 
 def feet_slide(analysed: AnalysedMotion) -> Iterator[Finding]:
-    slide = analysed.raw.posture.foot_slide_m_s
+    slide = analysed.metrics.posture.foot_slide_m_s
     if not slide > FOOT_SLIDE_M_S:
         return
     feet = analysed.tracks.joints[:, list(FEET)] * (1.0, 0.0, 1.0)
-    contact = analysed.raw.posture.foot_contact_share
+    contact = analysed.metrics.posture.foot_contact_share
     is_rare = contact < CONTACT_SHARE
     few = f"; they are on the ground in only {100 * contact:.0f} % of the frames" if is_rare else ""
     yield Finding(
@@ -81,7 +81,7 @@ def feet_slide(analysed: AnalysedMotion) -> Iterator[Finding]:
         {"foot_slide_m_s": slide, "contact_share": contact},
         f"recorded clips: under {100 * FOOT_SLIDE_M_S:.0f} cm/s",
         limit_ratio=slide / FOOT_SLIDE_M_S,
-        worst_frame=worst_second_frame(derivative_magnitudes(feet, 1).mean(axis=1)),
+        worst_frame=middle_of_worst_second(derivative_magnitudes(feet, 1).mean(axis=1)),
     )
 
 
@@ -90,13 +90,13 @@ def feet_float(analysed: AnalysedMotion) -> Iterator[Finding]:
 
     The percentile may lie below the floor of a body that stands; see `feet_sink`.
     """
-    above = analysed.lower_foot_height_m - analysed.median_foot_height_m
+    above = analysed.lower_foot_height_m - analysed.median_lower_foot_height_m
     is_up, contact = above > FLOATING_M, _standing_share(analysed)
     if contact < STANDING_SHARE:
         above = analysed.lower_foot_height_m - np.percentile(
             analysed.lower_foot_height_m, GROUND_PERCENTILE
         )
-        is_up, contact = is_up | (above > RISE_M), analysed.raw.posture.foot_contact_share
+        is_up, contact = is_up | (above > RISE_M), analysed.metrics.posture.foot_contact_share
     runs = [r for r in longest_true_ranges(is_up) if r[1] - r[0] + 1 >= FLOATING_FRAMES]
     if not runs and contact >= CONTACT_SHARE:
         return
@@ -112,7 +112,7 @@ def feet_float(analysed: AnalysedMotion) -> Iterator[Finding]:
         {
             "height_m": float(above[worst]),
             "contact_share": contact,
-            "floating_share": analysed.raw.posture.foot_floating_share,
+            "floating_share": analysed.metrics.posture.foot_floating_share,
         },
         "recorded clips: in at least 97 %",
         limit_ratio=max(float(above[worst]) / FLOATING_M, CONTACT_SHARE / max(contact, 0.01)),
@@ -124,13 +124,15 @@ def feet_float(analysed: AnalysedMotion) -> Iterator[Finding]:
 def _standing_share(analysed: AnalysedMotion) -> float:
     """Return the share of frames in which the lower foot is near its median height."""
     return float(
-        np.mean(abs(analysed.lower_foot_height_m - analysed.median_foot_height_m) < STANDING_M)
+        np.mean(
+            abs(analysed.lower_foot_height_m - analysed.median_lower_foot_height_m) < STANDING_M
+        )
     )
 
 
 def feet_sink(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect a foot below the floor; a body that bobs or drifts has none, see `feet_float`."""
-    below = analysed.median_foot_height_m - analysed.lower_foot_height_m
+    below = analysed.median_lower_foot_height_m - analysed.lower_foot_height_m
     is_below = below > SINKING_M
     if is_below.sum() < SINKING_FRAMES or _standing_share(analysed) < STANDING_SHARE:
         return
@@ -156,8 +158,7 @@ NAMED = 3
 ELBOWS_BACKWARDS = 0.5
 """Share of all frames, on both sides; clean: 0."""
 SWAPPED_ERROR_RATIO = 0.6
-"""Error with sides changed over the error without; unrelated motions have about 1, a swapped copy
-0."""
+"""Error with sides changed over the error without; about 1 if unrelated, 0 for a swapped copy."""
 INSIDE_M = 0.06
 """Distance (m) of wrist, knuckle or fingertip from the line through pelvis, spine and neck, which
 is 10 cm and more under the skin in front; clean: at least 0.099."""
@@ -167,8 +168,8 @@ _KNUCKLES = ("left_middle1", "right_middle1")
 
 
 def finger_joint_limits(analysed: AnalysedMotion) -> Iterator[Finding]:
-    share = analysed.raw.ranges.finger_angle_outside_share
-    by_joint = analysed.raw.ranges.finger_angle_outside_by_joint
+    share = analysed.metrics.joint_limits.finger_angle_outside_share
+    by_joint = analysed.metrics.joint_limits.finger_angle_outside_by_joint
     worst = sorted(by_joint, key=lambda name: -by_joint[name])[:NAMED]
     if share <= FINGERS_OUTSIDE and by_joint[worst[0]] <= JOINT_OUTSIDE:
         return
@@ -222,8 +223,8 @@ def swapped_sides(analysed: AnalysedMotion) -> Iterator[Finding]:
     Without one, only exchanged joint names show (both elbows bend backwards); a mirror image does
     not.
     """
-    if analysed.raw.errors is not None:
-        errors = analysed.raw.errors.rotation_error_by_sides_deg
+    if analysed.metrics.errors is not None:
+        errors = analysed.metrics.errors.rotation_error_by_sides_deg
         is_mirrored = errors.mirrored <= errors.swapped
         error = errors.mirrored if is_mirrored else errors.swapped
         if error >= SWAPPED_ERROR_RATIO * errors.as_is:
@@ -240,7 +241,7 @@ def swapped_sides(analysed: AnalysedMotion) -> Iterator[Finding]:
             limit_ratio=SWAPPED_ERROR_RATIO * errors.as_is / max(error, 0.1),
         )
         return
-    backwards = analysed.raw.ranges.elbow_backwards_share
+    backwards = analysed.metrics.joint_limits.elbow_backwards_share
     share = min(backwards.left, backwards.right)
     if share <= ELBOWS_BACKWARDS:
         return
@@ -265,16 +266,16 @@ MOVING_FRAMES = 2 * FPS
 
 
 def still_motion(analysed: AnalysedMotion) -> Iterator[Finding]:
-    if not analysed.raw.positions.joint_speed_m_s.max() < STILL_M_S:
+    if not analysed.metrics.positions.joint_speed_m_s.max() < STILL_M_S:
         return
     yield Finding("No joint moves in this motion.", {})
 
 
-def frozen_body(analysed: AnalysedMotion) -> Iterator[Finding]:
+def frozen_upper_body(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect runs of `FROZEN_FRAMES` or more in which the whole upper body stops, fingers too."""
     fastest = analysed.angular_speed_deg_s[:, list(UPPER_AND_HANDS)].max(axis=1, initial=0.0)
     runs = [
-        (first, last + 1)
+        (first, last + 1)  # speed k is that from frame k to frame k + 1
         for first, last in longest_true_ranges(fastest < FROZEN_DEG_S)
         if last - first + 1 >= FROZEN_FRAMES
     ]
@@ -295,7 +296,7 @@ def frozen_body(analysed: AnalysedMotion) -> Iterator[Finding]:
 
 
 def frozen_hands(analysed: AnalysedMotion) -> Iterator[Finding]:
-    for side, share in vars(analysed.raw.rotations.fingers_still_share).items():
+    for side, share in vars(analysed.metrics.rotations.fingers_still_share).items():
         if share > HAND_STILL:
             yield Finding(
                 f"The fingers of the {side} hand are frozen in {100 * share:.0f} % of the frames.",
@@ -314,7 +315,7 @@ def translation_never_changes(analysed: AnalysedMotion) -> Iterator[Finding]:
     where = "all zero" if not trans.any() else "the same in every frame"
     yield Finding(
         f"The translation is {where}: the pelvis stays at one point, so feet slide or float when "
-        "the body leans. The foot metrics mainly show this.",
+        "the body leans. This dominates the foot metrics.",
         {"trans_m": trans[0].tolist()},
     )
 
@@ -365,8 +366,8 @@ def copied_face(analysed: AnalysedMotion) -> Iterator[Finding]:
     if share <= COPIED_SHARE or own.std(axis=0).max() < STILL_COEFFICIENT:
         return
     yield Finding(
-        f"In {100 * share:.0f} % of the frames the expressions equal those of a frame of the "
-        "reference bit for bit: they were copied from the reference.",
+        f"In {100 * share:.0f} % of the frames the expressions are bit-identical to those of a "
+        "frame of the reference: they were copied from it.",
         {"copied_share": share},
         limit_ratio=share / COPIED_SHARE,
     )

@@ -15,7 +15,7 @@ import numpy as np
 
 from conventions.joints import UPPER_BODY
 from conventions.rates import FPS
-from model.faults.analysis import AnalysedMotion, Finding, format_time, worst_second_frame
+from model.faults.analysis import AnalysedMotion, Finding, format_time, middle_of_worst_second
 from model.metrics.posture import WRISTS
 from model.metrics.smoothness import HIGH_FREQUENCY_HZ, derivative_magnitudes, velocity_spectrum
 
@@ -47,7 +47,7 @@ class RangeCheck:
 
     kind: str
     title: str
-    unit: str
+    display_unit: str
     measure: Callable[[AnalysedMotion], float]
     long_clips: NaturalRange
     short_clips: NaturalRange
@@ -76,14 +76,20 @@ class RangeCheck:
             )
             usual = f"recorded and procedural clips {people.clip_lengths}: {lowest} to {highest}"
             beside = ""
-            numbers: dict[str, Any] = {"people": [people.lowest, people.highest]}
+            numbers: dict[str, Any] = {
+                "people": [self.display_scale * each for each in (people.lowest, people.highest)]
+            }
         elif (recorded := self.measure(reference)) > 0.0:
             ratio = value / recorded
             is_low, max_recorded_ratio = ratio < 1.0, people.max_ratio
             limit_ratio = max(ratio, 1 / max(ratio, 1e-9)) / people.max_ratio
             beside = f", {_times(ratio)} the reference's {self._format_value(recorded, False)}"
             usual = f"recorded clips differ by a factor of at most {people.max_ratio:g}"
-            numbers = {"reference": recorded, "ratio": ratio, "people": people.max_ratio}
+            numbers = {
+                "reference": self.display_scale * recorded,
+                "ratio": ratio,
+                "people": people.max_ratio,
+            }
         else:
             return
         if limit_ratio <= 1.0:
@@ -93,7 +99,7 @@ class RangeCheck:
         means = self.low_message if is_low else self.high_message
         yield Finding(
             f"{means}{where}: {self.title} {self._format_value(value)}{beside}.",
-            {"unit": self.unit, "value": value, **numbers},
+            {"unit": self.display_unit, "value": self.display_scale * value, **numbers},
             usual,
             limit_ratio=limit_ratio,
             max_recorded_ratio=max_recorded_ratio,
@@ -107,7 +113,7 @@ class RangeCheck:
             number = np.format_float_positional(
                 float(f"{self.display_scale * value:.2g}"), trim="-"
             )
-        return f"{number} {self.unit}".replace(" °", "°") if has_unit else number
+        return f"{number} {self.display_unit}".replace(" °", "°") if has_unit else number
 
 
 def _times(ratio: float) -> str:
@@ -120,12 +126,12 @@ def _worst(level: RangeCheck, analysed: AnalysedMotion, is_low: bool) -> int | N
         track = derivative_magnitudes(analysed.tracks.fingertips, 3).mean(axis=1)
     else:
         track = analysed.angular_speed_deg_s[:, list(UPPER_BODY)].mean(axis=1)
-    return worst_second_frame(track, is_lowest=is_low)
+    return middle_of_worst_second(track, is_lowest=is_low)
 
 
 def mean_fingertip_jerk_m_s3(analysed: AnalysedMotion) -> float:
     """Return the mean jerk of the ten rigid fingertips (m/s^3)."""
-    return float(analysed.raw.fingertips.fingertips_jerk_m_s3.mean())
+    return float(analysed.metrics.fingertips.fingertips_jerk_m_s3.mean())
 
 
 def wrist_high_frequency_share(analysed: AnalysedMotion) -> float:
@@ -146,7 +152,7 @@ def posture_deviation_deg(analysed: AnalysedMotion) -> float:
 
 def upper_body_angular_speed_deg_s(analysed: AnalysedMotion) -> float:
     """Return the mean angular speed of the upper body's local rotations (degrees/s)."""
-    return float(analysed.raw.rotations.joint_angular_speed_deg_s[list(UPPER_BODY)].mean())
+    return float(analysed.metrics.rotations.joint_angular_speed_deg_s[list(UPPER_BODY)].mean())
 
 
 JERK = RangeCheck(

@@ -11,7 +11,7 @@ from model.faults.analysis import (
     VISIBLE,
     AnalysedMotion,
     Finding,
-    sort_by_severity,
+    most_serious_first,
 )
 
 
@@ -36,7 +36,7 @@ FAULTS: tuple[FaultCheck, ...] = (
     FaultCheck(
         "identical", IMPOSSIBLE, glitches.identical_to_reference, "reference", ("copied_face",)
     ),
-    FaultCheck("frozen", IMPOSSIBLE, posture.frozen_body, implies_kinds=("copied_frames",)),
+    FaultCheck("frozen", IMPOSSIBLE, posture.frozen_upper_body, implies_kinds=("copied_frames",)),
     FaultCheck(
         "lying",
         IMPOSSIBLE,
@@ -44,7 +44,13 @@ FAULTS: tuple[FaultCheck, ...] = (
         implies_kinds=("lifted", "floating", "through_floor", "foot_slide"),
     ),
     FaultCheck("swapped_sides", IMPOSSIBLE, posture.swapped_sides),
-    FaultCheck("lifted", IMPOSSIBLE, posture.floor_offset, "reference", required_parts=("place",)),
+    FaultCheck(
+        "lifted",
+        IMPOSSIBLE,
+        posture.height_offset_to_reference,
+        "reference",
+        required_parts=("place",),
+    ),
     FaultCheck("time_shift", IMPOSSIBLE, glitches.reference_lag, "reference"),
     FaultCheck("time_shift", IMPOSSIBLE, glitches.speech_lag, "speech"),
     FaultCheck("pops", VISIBLE, glitches.single_frame_pops),
@@ -104,7 +110,7 @@ def find_faults(analysed: AnalysedMotion) -> list[Finding]:
     findings = [finding for fault in FAULTS for finding in _search_fault(fault, analysed)]
     kinds = {finding.kind for finding in findings}
     explained = {kind for fault in FAULTS if fault.kind in kinds for kind in fault.implies_kinds}
-    return sort_by_severity(finding for finding in findings if finding.kind not in explained)
+    return most_serious_first(finding for finding in findings if finding.kind not in explained)
 
 
 def body_part(finding: Finding) -> BodyPart:

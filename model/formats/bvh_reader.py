@@ -28,11 +28,7 @@ _MAX_REST_TILT_DEG = 60.0
 
 
 def read_bvh(path: Path, overrides: dict[str, str]) -> MotionDraft:
-    """Read a motion with the joints that the file has; the face stays at rest.
-
-    Raises:
-        MotionError: for damaged files, and skeletons that are not a person's.
-    """
+    """Read a motion; the face and missing joints stay at rest; raises MotionError."""
     text = parse_bvh(path)
     skeleton = _Skeleton(text.joints, path.name)
     identified, is_ours = skeleton.identify_joints()
@@ -40,7 +36,7 @@ def read_bvh(path: Path, overrides: dict[str, str]) -> MotionDraft:
     for what in text.notes:
         draft.assume("frames", str(len(text.rows)), what)
     world = skeleton.world_rotations(text.rows)
-    pelvis = skeleton.joint_path(identified["pelvis"][0], text.rows, world)
+    pelvis = skeleton.joint_positions(identified["pelvis"][0], text.rows, world)
     is_posed = not is_ours and not skeleton.is_standing(identified)
     if is_posed:
         world = skeleton.use_first_frame_as_rest(text.rows, world)
@@ -65,7 +61,9 @@ def read_bvh(path: Path, overrides: dict[str, str]) -> MotionDraft:
     if not is_ours:
         _add_assumptions(draft, skeleton, identified, turns)
     draft.missing_parts.add("face")
-    draft.assume("face", "none", "BVH files have no face; the face stays at rest", is_usual=is_ours)
+    draft.assume(
+        "face", "none", "BVH files have no face; the face stays at rest", is_own_convention=is_ours
+    )
     draft.set_frame_rate(round(1 / text.frame_duration_s, 3), "from the file", "stated")
     return draft
 
@@ -119,11 +117,7 @@ class _Skeleton(JointTree):
         )
 
     def identify_joints(self) -> tuple[JointMap, bool]:
-        """Return the assignment of joints, and whether all joints have our names.
-
-        Raises:
-            MotionError: if they are not a body's.
-        """
+        """Return the joint map, and whether all names are ours; raises MotionError if no body."""
         exact = {joint.name: index for index, joint in enumerate(self._joints)}
         if all(name in exact for name in JOINT_NAMES):
             return {name: [exact[name]] for name in JOINT_NAMES}, True
@@ -197,12 +191,12 @@ class _Skeleton(JointTree):
             world.append(turn if joint.parent < 0 else world[joint.parent] * turn)
         return world
 
-    def joint_path(
+    def joint_positions(
         self, index: int, rows: Float[np.ndarray, "T C"], world: list[Rotation]
     ) -> Float[np.ndarray, "T 3"] | None:
         """Compute a joint's positions from position channels up to it; None without any."""
         place: np.ndarray | None = None
-        for at in self.path_between(0, index):
+        for at in self.path_from_ancestor(0, index):
             joint = self._joints[at]
             step = self._step(joint, rows)
             if joint.parent < 0:

@@ -48,11 +48,7 @@ class BvhFile:
 
 
 def parse_bvh(path: Path) -> BvhFile:
-    """Read the joints, the duration of a frame (s) and the rows of a file.
-
-    Raises:
-        MotionError: if it is not a BVH; the message names the line and the reason.
-    """
+    """Read joints, duration of a frame (s) and rows; raises MotionError with line and reason."""
     check_size(path)
     try:
         return _Reader(path.name, path.read_text("latin-1")).read()

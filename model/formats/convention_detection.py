@@ -14,7 +14,7 @@ from conventions.rates import FPS
 from model.formats.motion_draft import MotionDraft, resample_to_30_fps
 from model.formats.reading import AXES, METRES, ImportedMotion, Kind, axis_vector
 from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import Motion, shift_by_lag
+from model.motion.motion import Motion, remove_lag
 from model.motion.tracks import Tracks, track_points
 from model.storage.npz import MotionError
 
@@ -108,7 +108,7 @@ def _shift_by_lag(draft: MotionDraft, motion: Motion) -> Motion:
     if override is None:
         return motion
     try:
-        moved = shift_by_lag(motion, float(override))
+        moved = remove_lag(motion, float(override))
     except (ValueError, OverflowError) as error:
         raise MotionError(f"{draft.name}: --assume lag={override}: {error}") from error
     draft.assume("lag", override, "set by you; the motion was shifted by this many seconds", "user")
@@ -156,7 +156,7 @@ def _hands(draft: MotionDraft, mean_hands: Float[np.ndarray, "30 3"] | None) -> 
     thumbs = float(draft.poses[:, [LEFT_HAND[12], RIGHT_HAND[12]], 0].mean())
     if override is not None:
         value, reason, confidence = override, "set by you", "user"
-    elif draft.is_mean_hand_relative:
+    elif draft.hand_reference_prior == "usually mean":
         is_flat = bend > CURL_FLAT and moves
         value = "flat" if is_flat else "mean"
         confidence = "unsure" if bend > CURL_OFFSET and moves else "likely"
@@ -167,14 +167,16 @@ def _hands(draft: MotionDraft, mean_hands: Float[np.ndarray, "30 3"] | None) -> 
             else "files of this layout are relative to the mean hand pose, and the bend of the "
             "fingers agrees"
         )
-    elif draft.is_mean_hand_relative is False and moves and bend < CURL_OFFSET and thumbs < 0.05:
+    elif draft.hand_reference_prior == "unknown" and moves and bend < CURL_OFFSET and thumbs < 0.05:
         value, confidence = "mean", "unsure"
         reason = (
             f"fingers bend by only {bend:z.2f} rad, too little for hands relative to a flat hand"
         )
     elif not moves:
         draft.missing_parts.add("hands")
-        draft.assume("hands", "flat", "the fingers never move", "likely", ("mean",), is_usual=True)
+        draft.assume(
+            "hands", "flat", "the fingers never move", "likely", ("mean",), is_own_convention=True
+        )
         return
     else:
         value, confidence = "flat", "sure" if bend > CURL_FLAT else "likely"
@@ -195,7 +197,7 @@ def _hands(draft: MotionDraft, mean_hands: Float[np.ndarray, "30 3"] | None) -> 
         reason,
         confidence,
         ("flat", "mean"),
-        is_usual=value == "flat" and not override,
+        is_own_convention=value == "flat" and not override,
     )
 
 
@@ -290,9 +292,9 @@ def _up_and_facing(draft: MotionDraft) -> None:
         confidence = "unsure" if margin < 0.2 else "likely" if margin < 0.5 else "sure"
     if up != "y":
         _turn(draft, _UPRIGHT[up])
-    is_usual = up == "y" and confidence in ("sure", "likely")
+    is_own_convention = up == "y" and confidence in ("sure", "likely")
     if up != "y" or all(each.kind != "up" for each in draft.assumptions):
-        draft.assume("up", up, reason, confidence, tuple(ranked), is_usual)
+        draft.assume("up", up, reason, confidence, tuple(ranked), is_own_convention)
     _facing(draft)
 
 
@@ -322,7 +324,9 @@ def _facing(draft: MotionDraft) -> None:
             if is_z
             else ("as-is", "the hips face no single direction")
         )
-        draft.assume("facing", value, reason, "sure", (*_FORWARD_DEG, "as-is"), is_usual=True)
+        draft.assume(
+            "facing", value, reason, "sure", (*_FORWARD_DEG, "as-is"), is_own_convention=True
+        )
 
 
 def _turn(draft: MotionDraft, turn: Rotation) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -43,6 +44,11 @@ _INTERLEAVED_6D = [0, 2, 4, 1, 3, 5]
 """Column order that separates two interleaved axes."""
 
 
+HandReferencePrior = Literal["usually mean", "unknown", "flat"]
+"""Hands of a layout before their motion is looked at: usually offsets from the mean hand pose,
+unknown, or known to be relative to the flat hand."""
+
+
 @dataclass
 class MotionDraft:
     """A motion that is being read: the file's content, and the assumptions so far."""
@@ -54,13 +60,11 @@ class MotionDraft:
     fps: float = float(FPS)
     trans: Float[np.ndarray, "T 3"] | None = None
     expressions: np.ndarray | None = None
-    basis: ExpressionBasis = "flame100"
+    expression_basis: ExpressionBasis = "flame100"
     betas: np.ndarray = field(default_factory=lambda: np.zeros(NUM_BETAS, np.float32))
     assumptions: list[Assumption] = field(default_factory=list)
     missing_parts: set[Part] = field(default_factory=set)
-    is_mean_hand_relative: bool | None = None
-    """True if hands of this layout are usually offsets from the mean hand pose; None if they are
-    known not to be."""
+    hand_reference_prior: HandReferencePrior = "flat"
     motion_number: int = 1
     """Number of the motion in a batch, from 1."""
     user_set_kinds: set[Kind] = field(default_factory=set)
@@ -75,10 +79,12 @@ class MotionDraft:
         reason: str,
         confidence: Confidence = "sure",
         alternatives: tuple[str, ...] = (),
-        is_usual: bool = False,
+        is_own_convention: bool = False,
     ) -> None:
         """Record an assumption."""
-        self.assumptions.append(Assumption(kind, value, reason, confidence, alternatives, is_usual))
+        self.assumptions.append(
+            Assumption(kind, value, reason, confidence, alternatives, is_own_convention)
+        )
 
     def set_frame_rate(
         self,
@@ -108,12 +114,12 @@ class MotionDraft:
         reason: str,
         confidence: Confidence,
         alternatives: tuple[str, ...],
-        is_usual: bool = False,
+        is_own_convention: bool = False,
     ) -> str:
         """Return the user's value of a property, or else the one detected, and record it."""
         override = self.overrides.get(kind)
         if override is None:
-            self.assume(kind, detected, reason, confidence, alternatives, is_usual)
+            self.assume(kind, detected, reason, confidence, alternatives, is_own_convention)
             return detected
         self.assume(kind, override, "set by you", "user", alternatives)
         return override
@@ -133,7 +139,7 @@ class MotionDraft:
         else:
             faces = self.expressions.astype(np.float32)
         poses = self.poses.reshape(frames, -1).astype(np.float32)
-        return Motion(poses, trans.astype(np.float32), faces, self.basis, self.betas)
+        return Motion(poses, trans.astype(np.float32), faces, self.expression_basis, self.betas)
 
 
 @dataclass(frozen=True)
@@ -219,11 +225,7 @@ def natural_bend_score(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...
 def _rotation_format(
     rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...], name: str, override: str | None
 ) -> Assumption:
-    """Decide the format of rotations.
-
-    Raises:
-        MotionError: if they cannot have the format that the user states.
-    """
+    """Decide the format of rotations; raises MotionError if ``override`` is impossible."""
     width = rows.shape[-1]
     forms = ROTATION_FORMATS[width]
     if override is not None:
@@ -241,7 +243,7 @@ def _rotation_format(
         reason = f"joints rotate least if w is the {'first' if first >= last else 'last'} number"
         return Assumption("rotations", forms[int(first < last)], reason, confidence, forms)
     reason = f"{width} numbers per joint"
-    return Assumption("rotations", forms[0], reason, is_default=forms[0] == "axis-angle")
+    return Assumption("rotations", forms[0], reason, is_own_convention=forms[0] == "axis-angle")
 
 
 def _rotation_format_6d(
@@ -256,7 +258,7 @@ def _rotation_format_6d(
 
     forms = ROTATION_FORMATS[6]
     if orthonormality_error(rows[..., _INTERLEAVED_6D]) < 0.5 * orthonormality_error(rows):
-        reason = "only as two interleaved columns are they unit vectors"
+        reason = "they are orthonormal only as two interleaved columns"
         return Assumption("rotations", "6d-interleaved", reason, "sure", forms)
     natural = natural_bend_score(_decoded(rows, "6d", name), joints)
     form, reason = "6d", "as the first two rows, joints bend as a person's do"

@@ -20,6 +20,7 @@ from model.formats.motion_draft import (
     JOINTS_BY_COUNT,
     ROTATION_FORMATS,
     SET_NAMES,
+    HandReferencePrior,
     MotionDraft,
     RotationLayout,
     are_positions,
@@ -70,10 +71,10 @@ _DIFFSHEG = tuple(
 class ColumnLayout:
     """A layout of columns: joints (``values_per_joint`` numbers each) and named blocks."""
 
-    name: str
+    description: str
     blocks: tuple[tuple[tuple[int, ...] | str, int], ...]
-    is_mean_hand_relative: bool | None = False
-    """See `MotionDraft.is_mean_hand_relative`."""
+    hand_reference_prior: HandReferencePrior = "unknown"
+    """See `MotionDraft.hand_reference_prior`."""
     missing_parts: tuple[Part, ...] = ()
     no_translation_reason: str = ""
     """Reason why its translation is not read."""
@@ -85,20 +86,20 @@ COLUMN_LAYOUTS: dict[int, ColumnLayout] = {
     265: ColumnLayout(
         "columns of TalkSHOW: jaw, eyes, global orientation, body, hands, expression",
         (((22,), 3), ((23, 24), 6), (BODY, 66), (HANDS, 90), ("expression", 100)),
-        is_mean_hand_relative=True,
+        hand_reference_prior="usually mean",
     ),
     232: ColumnLayout(
         "columns of DiffSHEG on TalkSHOW's data: upper body, hands, jaw, expression; pelvis, legs "
         "and eyes stay at rest",
         ((_DIFFSHEG, 3 * len(_DIFFSHEG)), ("expression", 100)),
-        is_mean_hand_relative=True,
+        hand_reference_prior="usually mean",
         missing_parts=("legs", "place"),
     ),
     322: ColumnLayout(
         "columns of Motion-X: root, body, hands, jaw, expression, face shape, translation, betas",
         ((BODY, 66), (HANDS, 90), ((22,), 3), ("expression", 50), ("", 100), ("trans", 3),
          ("betas", 10)),
-        is_mean_hand_relative=True,
+        hand_reference_prior="usually mean",
     ),
     268: ColumnLayout(
         "columns for 55 joints, translation, expression",
@@ -187,11 +188,7 @@ _IN_A_FOLDER = (
 
 
 def read_npz(path: Path, overrides: dict[str, str]) -> MotionDraft:
-    """Read a BEAT2 npz, or a variant that can be converted.
-
-    Raises:
-        MotionError: for all else; one sentence that names the file.
-    """
+    """Read a BEAT2 npz, or a variant that can be converted; raises MotionError for all else."""
     with open_archive(path) as archive:
         return _Archive(archive, path.name, overrides).read()
 
@@ -213,11 +210,7 @@ def _read_parameter_files(
 
 
 def read_npy(path: Path, overrides: dict[str, str]) -> MotionDraft:
-    """Read a motion from one array, or from a file for each parameter.
-
-    Raises:
-        MotionError: as `model.formats.read.read_any_motion`.
-    """
+    """Read a motion from one array, or a file for each parameter; raises MotionError."""
     check_size(path)
     if files := parameter_files(path):
         return _read_parameter_files(files, path.name, overrides)
@@ -291,9 +284,9 @@ def _of_columns(
         name,
         overrides,
         np.zeros((1, NUM_JOINTS, 3)),
-        is_mean_hand_relative=layout.is_mean_hand_relative,
+        hand_reference_prior=layout.hand_reference_prior,
     )
-    draft.assume("layout", str(array.shape[-1]), layout.name)
+    draft.assume("layout", str(array.shape[-1]), layout.description)
     rows = _select_motion(draft, array.reshape(-1, *array.shape[-2:]))
     check_num_frames(len(rows), name)
     _check_finite(draft, "the array", rows, most=_MAX_TRANSLATION)
@@ -323,7 +316,9 @@ def _of_rotations(
     array: Shaped[np.ndarray, " ..."], shape: RotationLayout, name: str, overrides: dict[str, str]
 ) -> MotionDraft:
     check_num_frames(shape.frames, name)
-    draft = MotionDraft(name, overrides, np.zeros((1, NUM_JOINTS, 3)), is_mean_hand_relative=False)
+    draft = MotionDraft(
+        name, overrides, np.zeros((1, NUM_JOINTS, 3)), hand_reference_prior="unknown"
+    )
     rows = _select_motion(draft, shape.reshape(array))
     if shape.is_transposed:
         reason = f"frames lie along the second axis of {array.shape}"
@@ -375,11 +370,7 @@ def _select_motion(draft: MotionDraft, batch: Shaped[np.ndarray, " N *motion"]) 
 def _check_finite(
     draft: MotionDraft, noun: str, rows: Shaped[np.ndarray, "T ..."], most: float = MAX_ABS_VALUE
 ) -> None:
-    """Refuse frames that are not finite, or interpolate them in place if the user wants it.
-
-    Raises:
-        MotionError: naming all of them.
-    """
+    """Raise MotionError for frames that are not finite, or interpolate them if requested."""
     flat = rows.reshape(len(rows), -1)
     bad = np.asarray(~np.isfinite(flat).all(axis=1))
     if bad.any() and draft.overrides.get("frames") == "bridge" and not bad.all():
@@ -421,9 +412,9 @@ class _Archive:
     name: str
     overrides: dict[str, str]
     headers: dict[str, Header] = field(default_factory=dict)
-    plain: dict[str, str] = field(default_factory=dict)
+    key_by_plain_name: dict[str, str] = field(default_factory=dict)
     """Key of each plain name."""
-    choice: Assumption | None = None
+    motion_choice: Assumption | None = None
     """Choice of one of several motions."""
     lengths: dict[str, int] = field(default_factory=dict)
     """Number of rows of each parameter that is read."""
@@ -432,8 +423,8 @@ class _Archive:
         self.headers = read_headers(self.archive, self.name, allow_objects=True)
         chosen = self._choose()
         draft = self._poses(chosen)
-        if self.choice is not None:
-            draft.assumptions.append(self.choice)
+        if self.motion_choice is not None:
+            draft.assumptions.append(self.motion_choice)
         objects = [key for key, (_, dtype) in self.headers.items() if dtype.hasobject]
         if objects:
             draft.assume("layout", "npz", f"{self._listed(objects)} are pickled objects, not read")
@@ -445,12 +436,14 @@ class _Archive:
         if draft.expressions is None and (key := self._find(EXPRESSIONS)):
             self._expressions(draft, key)
         self._betas(draft)
-        _rate(draft, {key: self._rate_of(key) for key in RATES if key in self.plain})
+        _rate(draft, {key: self._rate_of(key) for key in RATES if key in self.key_by_plain_name})
         self._of_one_length(draft)
         self._invalid(draft)
-        if _BEAT2 <= set(self.plain) and self.headers[self.plain["poses"]][0][-1:] == (165,):
-            draft.is_mean_hand_relative = None
-        draft.basis = read_basis(self.archive, self.headers, self.name)
+        if _BEAT2 <= set(self.key_by_plain_name) and self.headers[self.key_by_plain_name["poses"]][
+            0
+        ][-1:] == (165,):
+            draft.hand_reference_prior = "flat"
+        draft.expression_basis = read_basis(self.archive, self.headers, self.name)
         _note_missing(draft)
         return draft
 
@@ -516,21 +509,21 @@ class _Archive:
                     f"choose one (--assume motion={names[0]})."
                 )
             before = choice if choice in candidates else list(candidates)[numbers.index(choice)]
-            self.choice = Assumption("motion", choice, "set by you", "user", tuple(names))
+            self.motion_choice = Assumption("motion", choice, "set by you", "user", tuple(names))
         elif len(candidates) > 1:
             before = ""
             alternatives = tuple(each for each in candidates if each)
             reason = (
                 f"`{candidates['']}` was read; the file also contains {', '.join(alternatives)}"
             )
-            self.choice = Assumption(
+            self.motion_choice = Assumption(
                 "motion", printable(candidates[""]), reason, "likely", alternatives
             )
         for own in (False, True):  # arrays of no other motion, then those of this one
             for key in self.headers:
                 prefix, plain = split_key(key)
                 if prefix == before if own else prefix not in candidates or not prefix:
-                    self.plain[plain] = key
+                    self.key_by_plain_name[plain] = key
         return candidates[before]
 
     def _nothing(self) -> str:
@@ -556,7 +549,7 @@ class _Archive:
         return ", ".join(named) + (" and more" if len(keys) > 16 else "")
 
     def _find(self, names: tuple[str, ...]) -> str | None:
-        return next((name for name in names if name in self.plain), None)
+        return next((name for name in names if name in self.key_by_plain_name), None)
 
     def _poses(self, key: str) -> MotionDraft:
         shape, _ = self.headers[key]
@@ -586,12 +579,15 @@ class _Archive:
     def _of_parts(self) -> MotionDraft:
         """Read a motion from separate SMPL-X parameters; missing ones stay at rest."""
         draft = MotionDraft(
-            self.name, self.overrides, np.zeros((1, NUM_JOINTS, 3)), is_mean_hand_relative=True
+            self.name,
+            self.overrides,
+            np.zeros((1, NUM_JOINTS, 3)),
+            hand_reference_prior="usually mean",
         )
         parts: dict[tuple[int, ...], np.ndarray] = {}
         keys = []
         for part, joints in PARAMETER_JOINTS.items():
-            if part not in self.plain or not self._is_number(part):
+            if part not in self.key_by_plain_name or not self._is_number(part):
                 continue
             rows = self._part_rows(part, self._filled(part), len(joints))
             check_num_frames(len(rows), self.name)
@@ -638,7 +634,7 @@ class _Archive:
         return smpl.reshape(len(array), joints, each)
 
     def _is_number(self, plain: str) -> bool:
-        return self.headers[self.plain[plain]][1].kind in "fiu"
+        return self.headers[self.key_by_plain_name[plain]][1].kind in "fiu"
 
     def _numbers(self, key: str) -> np.ndarray:
         _, dtype = self.headers[key]
@@ -648,7 +644,7 @@ class _Archive:
 
     def _filled(self, plain: str) -> np.ndarray:
         """Return an array with at least two axes that is not empty; a vector is one row."""
-        array = self._numbers(self.plain[plain])
+        array = self._numbers(self.key_by_plain_name[plain])
         if not array.size:
             raise MotionError(f"{self.name}: `{plain}` is empty; it has the shape {array.shape}.")
         return np.atleast_2d(array)
@@ -670,11 +666,12 @@ class _Archive:
         return array
 
     def _expressions(self, draft: MotionDraft, plain: str) -> None:
-        shape, dtype = self.headers[self.plain[plain]]
+        shape, dtype = self.headers[self.key_by_plain_name[plain]]
         columns = shape[-1] if shape else 0
         if dtype.kind not in "fiu" or len(shape) < 2 or not 0 < columns <= NUM_EXPRESSIONS:
             reason = (
-                f"`{plain}` {shape} has not 1 to {NUM_EXPRESSIONS} FLAME coefficients per frame"
+                f"`{plain}` {shape} does not contain 1 to {NUM_EXPRESSIONS} FLAME coefficients per "
+                "frame"
             )
             draft.assume("face", "none", f"{reason}; the face stays at rest")
             return
@@ -686,13 +683,13 @@ class _Archive:
             draft.assume("face", "flame", f"`{plain}` {shape} was read as FLAME coefficients")
 
     def _betas(self, draft: MotionDraft) -> None:
-        if "betas" not in self.plain:
+        if "betas" not in self.key_by_plain_name:
             return
-        shape, dtype = self.headers[self.plain["betas"]]
+        shape, dtype = self.headers[self.key_by_plain_name["betas"]]
         if dtype.kind not in "fiu" or 0 in shape or not shape or shape[-1] > NUM_BETAS:
             draft.assume("shape", "mean", f"`betas` {shape} of {dtype} is not a body shape")
             return
-        betas = self._numbers(self.plain["betas"]).reshape(-1, shape[-1])[0]
+        betas = self._numbers(self.key_by_plain_name["betas"]).reshape(-1, shape[-1])[0]
         if not np.isfinite(betas).all() or np.abs(betas).max() > MAX_ABS_VALUE:
             draft.assume("shape", "mean", "`betas` has values that are not finite or too large")
             return
@@ -702,7 +699,7 @@ class _Archive:
 
     def _rate_of(self, plain: str) -> str:
         """Return the value of one of `RATES` as text."""
-        key = self.plain[plain]
+        key = self.key_by_plain_name[plain]
         shape, dtype = self.headers[key]
         if dtype.kind not in "fiuUS" or int(np.prod(shape)) != 1 or dtype.itemsize > 400:
             return ""
@@ -712,10 +709,10 @@ class _Archive:
     def _invalid(self, draft: MotionDraft) -> None:
         """Report frames that a mask marks as invalid; those of `MISSING` are interpolated."""
         key = self._find((*VALID, MISSING))
-        if key is None or self.headers[self.plain[key]][1].kind not in "buif":
+        if key is None or self.headers[self.key_by_plain_name[key]][1].kind not in "buif":
             return
         marks = np.zeros(len(draft.poses), dtype=bool)
-        values = read_array(self.archive, self.plain[key]).reshape(-1)[: len(marks)]
+        values = read_array(self.archive, self.key_by_plain_name[key]).reshape(-1)[: len(marks)]
         marks[: len(values)] = values == 0
         confidence: Confidence = "stated"
         if key == MISSING and marks.mean() > 0.5:  # then zero rather means that nothing is missing

@@ -89,7 +89,7 @@ def parameter_files(path: Path) -> dict[str, Path]:
     return {}
 
 
-def motion_files(folder: Path) -> Iterator[tuple[Path, Path]]:
+def files_with_motion_names(folder: Path) -> Iterator[tuple[Path, Path]]:
     """Yield the files of a folder with their relative names.
 
     A motion with a file per parameter is yielded once, as its first file with the motion's name.

@@ -39,7 +39,6 @@ def read_any_motion(
 
     Args:
         overrides: what the user states about files (`parse_import_overrides`).
-        body: a licensed SMPL-X file, for its mean hand pose.
         names: names of this file in ``overrides``, besides its own name and stem.
 
     Raises:
@@ -78,11 +77,7 @@ def read_with_raw_errors(
 
 
 def _kind(path: Path) -> str:
-    """Return the file type by its suffix, or by its first bytes if the suffix is unknown.
-
-    Raises:
-        MotionError: for what is not read, with what to do.
-    """
+    """Return the file type by suffix, or by first bytes if unknown; raises MotionError."""
     ending = path.suffix.lower()
     if ending in PICKLES:
         raise MotionError(
@@ -106,11 +101,7 @@ def _kind(path: Path) -> str:
 
 
 def read_mean_hand_pose(body: Path | None) -> Float[np.ndarray, "30 3"] | None:
-    """Read the mean hand pose (30, 3) of a licensed SMPL-X file; None if it has none.
-
-    Raises:
-        MotionError: if the file cannot be read.
-    """
+    """Read a SMPL-X file's mean hand pose (30, 3), None if it has none; raises MotionError."""
     if body is None or body.suffix.lower() != ".npz":
         return None
     with open_archive(body) as archive:

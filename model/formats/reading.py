@@ -90,7 +90,7 @@ class Assumption:
     confidence: Confidence = "sure"
     alternatives: tuple[str, ...] = ()
     """Alternative values."""
-    is_default: bool = False
+    is_own_convention: bool = False
     """True if it is as in our own files, so that users need no note."""
 
     def __post_init__(self) -> None:
@@ -144,17 +144,19 @@ class ImportedMotion:
     @property
     def source_fps(self) -> float:
         """Frame rate at which the file was read (Hz)."""
-        assumption = self.of("rate")
+        assumption = self.assumption_of("rate")
         return 30.0 if assumption is None else float(assumption.value)
 
-    def of(self, kind: Kind) -> Assumption | None:
+    def assumption_of(self, kind: Kind) -> Assumption | None:
         """Return the assumption of a kind; None if there was none."""
         return next((each for each in self.assumptions if each.kind == kind), None)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on the assumptions that differ from our own files."""
-        return tuple(each.sentence(self.name) for each in self.assumptions if not each.is_default)
+        return tuple(
+            each.sentence(self.name) for each in self.assumptions if not each.is_own_convention
+        )
 
 
 def assumption_difference_notes(readings: Mapping[str, ImportedMotion]) -> list[str]:
@@ -165,7 +167,7 @@ def assumption_difference_notes(readings: Mapping[str, ImportedMotion]) -> list[
         values = {
             name: assumption.value
             for name, each in readings.items()
-            if (assumption := each.of(kind))
+            if (assumption := each.assumption_of(kind))
         }
         if len(set(values.values())) > 1:
             values_text = ", ".join(f"{name} {value}" for name, value in list(values.items())[:6])
@@ -189,11 +191,7 @@ MIN_LENGTH_DIFFERENCE_S = 1.0
 def length_notes(
     speech_s: float, durations_s: Mapping[str, float], rates: Mapping[str, float] | None = None
 ) -> list[str]:
-    """Return a note on motions with a duration unlike the speech's, with the rate that would fit.
-
-    Args:
-        rates: frame rate at which each was read, if that is not 30.
-    """
+    """Return a note on durations unlike the speech's, with the rate that would fit."""
     others = {
         name: duration_s
         for name, duration_s in durations_s.items()
@@ -264,21 +262,13 @@ class ImportOverrides:
         return ""
 
     def check_files_exist(self, files: Sequence[Path], *names: str) -> None:
-        """Check that all files with a statement exist.
-
-        Raises:
-            MotionError: as `unknown_file_error`.
-        """
+        """Check that files with a statement exist; raises MotionError as `unknown_file_error`."""
         if wrong := self.unknown_file_error(files, *names):
             raise MotionError(wrong)
 
 
 def parse_import_overrides(text: str) -> ImportOverrides:
-    """Parse the value of `--assume`: ``up=z,units=cm,NAME:rate=25``; a name may have commas.
-
-    Raises:
-        MotionError: for unknown kinds and values; it lists the known ones.
-    """
+    """Parse `--assume`: ``up=z,NAME:rate=25``; a name may have commas; raises MotionError."""
     says = []
     for part in filter(None, (part.strip(" ,") for part in _OVERRIDE_PART.findall(text))):
         match = _FLAG.match(part)

@@ -18,10 +18,10 @@ from torch import Tensor
 from model.motion.motion import ExpressionBasis, Motion
 from model.motion.packing import Normaliser
 from model.motion.rotations import interpolate_rotations
-from model.motion.spaces import RootMotion, RotationSpace
+from model.motion.spaces import RootFormat, RotationSpace
 from model.plan.annotation_files import Interval
 from model.sampling.flow import ClassifierFreeGuidance, seeded_noise
-from model.sampling.samplers import Sampler, Sampling, UnknownNameError
+from model.sampling.samplers import SamplerChoice, Sampling, UnknownNameError
 from model.speech.encoder import SpeechEncoder
 from model.storage.cards import WeightsCard
 
@@ -52,7 +52,7 @@ def crossfade(
 class SpeechWindow:
     """Speech features of a window and its context; past either end the nearest one is repeated."""
 
-    speech: Float[Tensor, "T_ctx speech_dim"]
+    features: Float[Tensor, "T_ctx speech_dim"]
     """Features of the window's T frames and of c frames before and after it: T_ctx = T + 2 c."""
 
     @staticmethod
@@ -63,10 +63,10 @@ class SpeechWindow:
         wanted = torch.arange(first - context, first + frames + context)
         return SpeechWindow(features[wanted.clamp(0, len(features) - 1)])
 
-    def with_context(self, context: int, window_frames: int) -> Float[Tensor, "T_ctx speech_dim"]:
+    def trim_context(self, context: int, window_frames: int) -> Float[Tensor, "T_ctx speech_dim"]:
         """Return the middle ``window_frames`` frames with ``context`` frames before and after."""
-        spare = (len(self.speech) - window_frames) // 2 - context
-        return self.speech[spare : len(self.speech) - spare]
+        spare = (len(self.features) - window_frames) // 2 - context
+        return self.features[spare : len(self.features) - spare]
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Windowing:
 class WindowSpec:
     """Inputs of a window besides its speech and the window before it."""
 
-    speaker: int
+    speaker_index: int
     seed: int
     num_samples: int
     """Number of motions sampled at once from the same speech."""
@@ -107,18 +107,18 @@ class WindowSpec:
     guidance: float
     first_sample: int = 0
     condition: Any = None
-    """Condition of the window; see `System.sample_condition`."""
-    first_frame: int | None = None
+    """Condition of the window; see `System.draw_condition`."""
+    first_condition_frame: int | None = None
     """Index of the window's first frame in ``condition``; None for ``index`` times the advance."""
     words: tuple[Interval, ...] = ()
     """Words of the speech with their times, if known."""
 
     @property
-    def noise_key(self) -> tuple[int, int]:
+    def clip_noise_key(self) -> tuple[int, int]:
         """Key of random numbers for the first sample that are independent of windows."""
         return self.seed, self.first_sample
 
-    def guide(self, normaliser: Normaliser, space: RotationSpace) -> ClassifierFreeGuidance:
+    def make_guidance(self, normaliser: Normaliser, space: RotationSpace) -> ClassifierFreeGuidance:
         """Return the classifier-free guidance for a network of such motion."""
         return ClassifierFreeGuidance(self.guidance, normaliser, space)
 
@@ -134,11 +134,11 @@ class Window:
     """Motion of one window before blending; a family may add tensors (B, n, ...) for the next."""
 
     rotmat: Float[Tensor, "B n 55 3 3"]
-    """Joint rotations, local or global by the system's `frame`."""
+    """Joint rotations, local or global by the system's `rotation_frame`."""
     root: Float[Tensor, "B n 3"]
-    """Root motion in the format of the system's `root_motion`."""
+    """Root motion in the format of the system's `root_format`."""
     expression: Float[Tensor, "B n E"]
-    """ARKit blendshape weights, 0 to 1."""
+    """Coefficients of the system's `expression_basis`: ARKit weights, 0 to 1, or FLAME's."""
 
     def part(self, frames: slice) -> "Window":
         """Return some frames of the window."""
@@ -147,6 +147,18 @@ class Window:
     def sliced_tensors(self, frames: slice) -> dict[str, Tensor]:
         """Return some frames of each tensor, by name."""
         return {name: tensor[:, frames] for name, tensor in vars(self).items()}
+
+
+class StreamedCondition(Protocol):
+    """Condition around some frames of live speech."""
+
+    @property
+    def condition(self) -> Any: ...
+
+    @property
+    def zero_frame(self) -> int:
+        """Frame of the motion at which the condition's time is 0."""
+        ...
 
 
 @runtime_checkable
@@ -158,14 +170,17 @@ class ConditionStream(Protocol):
 
     def advance(
         self,
-        speech: Callable[[int, int], Float[Tensor, "T dim"]],
+        features_of: Callable[[int, int], Float[Tensor, "T dim"]],
         first: int,
-        final: int,
+        first_open: int,
         stop: int,
-    ) -> Any:
-        """Return the ``condition`` of frames ``first`` to ``stop``, and its first frame ``origin``.
+    ) -> StreamedCondition:
+        """Return the condition of frames ``first`` to ``stop``, in the family's type.
 
-        Events that begin before ``final`` are final. Features of future frames are extrapolated.
+        Args:
+            features_of: returns speech features from a first frame to a last (exclusive); those of
+                future frames are extrapolated.
+            first_open: first frame whose events may still change; those before it are final.
         """
         ...
 
@@ -183,11 +198,11 @@ class MotionConstraint(Protocol):
     margin: int
     """Number of frames of the condition that are needed on either side of a piece."""
 
-    def apply(self, motion: Motion) -> Motion:
-        """Apply the condition to the frames that follow those of the last call."""
+    def constrain_next(self, motion: Motion) -> Motion:
+        """Apply the condition to the frames after those of the last call."""
         ...
 
-    def continue_with(self, streamed: Any, first_frame: int) -> None:
+    def set_condition(self, streamed: Any, first_frame: int) -> None:
         """Continue with another condition, in which the next frame is ``first_frame``."""
         ...
 
@@ -219,15 +234,21 @@ class System(ABC):
         ...     speakers={"ada": 0},
         ...     encoder=MelEncoder(),
         ...     windowing=Windowing(frames=64, overlap=8),
-        ...     samplers=(Sampler("euler", steps=8, guidance=1.5),),
-        ...     frame="parent",
-        ...     root_motion="velocity",
+        ...     samplers=(SamplerChoice("euler", 8, default_guidance=1.5),),
+        ...     rotation_frame="local",
+        ...     root_format="velocity",
         ... )
         >>> system.resolve_sampling(Sampling(steps=4))
         Sampling(sampler='euler', steps=4, guidance=1.5)
         >>> speech = SpeechWindow(torch.zeros(64, system.encoder.dim))
         >>> spec = WindowSpec(
-        ...     speaker=0, seed=0, num_samples=2, index=0, sampler="euler", steps=4, guidance=1.5
+        ...     speaker_index=0,
+        ...     seed=0,
+        ...     num_samples=2,
+        ...     index=0,
+        ...     sampler="euler",
+        ...     steps=4,
+        ...     guidance=1.5,
         ... )
         >>> system.window(speech, None, spec).rotmat.shape
         torch.Size([2, 64, 55, 3, 3])
@@ -245,38 +266,30 @@ class System(ABC):
     """Index in the network's table by speaker name."""
     encoder: SpeechEncoder
     windowing: Windowing
-    samplers: tuple[Sampler, ...]
+    samplers: tuple[SamplerChoice, ...]
     """Available samplers; the first is the default."""
-    frame: Literal["parent", "world"]
-    """Frame of the rotations of windows and of blending: local (parent) or global (world)."""
-    root_motion: RootMotion
+    rotation_frame: Literal["local", "global"]
+    """Frame of the rotations of windows and of blending: the parent joint's, or the world's."""
+    root_format: RootFormat
     expression_basis: ExpressionBasis = "arkit52"
 
     @property
     def guidance(self) -> float | None:
         """Default guidance scale; None if it cannot be chosen."""
-        return self.samplers[0].guidance
+        return self.samplers[0].default_guidance
 
     def speaker_index(self, speaker: str) -> int:
-        """Return the index of a speaker.
-
-        Raises:
-            UnknownNameError: if these weights were not trained on that speaker.
-        """
+        """Return a speaker's index; raises UnknownNameError if these weights do not know it."""
         if speaker not in self.speakers:
             raise UnknownNameError(
                 f"There is no speaker {speaker!r}; choose one of {', '.join(self.speakers)}."
             )
         return self.speakers[speaker]
 
-    def sample_condition(
+    def draw_condition(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, spec: WindowSpec
     ) -> Any:
-        """Draw the condition for whole speech, for the first sample.
-
-        Raises:
-            ValueError: if the system has no condition; the next method as well.
-        """
+        """Draw the condition of the first sample for whole speech; raises ValueError if none."""
         raise ValueError(f"{self.name} takes no condition besides speech.")
 
     def condition_stream(self, spec: WindowSpec) -> ConditionStream:
@@ -316,7 +329,7 @@ class System(ABC):
         strength = usual if options.guidance is None else options.guidance
         if self.guidance is None and strength != 1:
             raise ValueError(f"{self.name} does not support guidance; omit it, or set it to 1.")
-        steps = options.steps or samplers[name].steps
+        steps = options.steps or samplers[name].default_steps
         return Sampling(sampler=name, steps=steps, guidance=strength)
 
     def supported_sampling(self, options: Sampling) -> Sampling:
@@ -351,6 +364,5 @@ class System(ABC):
             "expression": crossfade(older.expression, first.expression),
         }
         return replace(
-            newer,
-            **{n: torch.cat([start, getattr(rest, n)], dim=1) for n, start in joined.items()},
+            newer, **{n: torch.cat([start, getattr(rest, n)], dim=1) for n, start in joined.items()}
         )

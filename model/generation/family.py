@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from conventions.names import safe_file_stem
-from model.sampling.samplers import Sampler
+from model.sampling.samplers import SamplerChoice
 from model.storage.cards import WeightsCard, load_card
 
 if TYPE_CHECKING:
@@ -29,12 +29,13 @@ class AblationStep:
     meaning: str
     equation: str
     """Equation in TeX, without HTML markup."""
-    source: str
+    equation_reference: str
+    """Number of the equation in the paper, such as "eq. 3"."""
     look_for: str
 
 
 @dataclass(frozen=True)
-class ExtraSystem:
+class NonAblationSystem:
     """A system outside the ablation, shown next to it."""
 
     system: str
@@ -49,11 +50,11 @@ class Ablation:
     title: str
     introduction: str
     steps: tuple[AblationStep, ...]
-    extra: tuple[ExtraSystem, ...] = ()
+    extra: tuple[NonAblationSystem, ...] = ()
 
     @property
-    def systems(self) -> tuple[str, ...]:
-        """Names of all systems that it explains."""
+    def explained_systems(self) -> tuple[str, ...]:
+        """Names of the systems of all steps, and of the extra ones."""
         return tuple(each.system for each in (*self.steps, *self.extra))
 
 
@@ -68,7 +69,7 @@ class Claim:
     """Property of ``more_jerk_system``, in the same sentence."""
     more_jerk_system: str
     less_jerk_systems: tuple[str, ...]
-    base_system: str
+    first_less_jerk_system: str
     """The system of ``less_jerk_systems`` to which the others add something."""
     additions_name: str
     """Name of the additions; each system has one more than the one before."""
@@ -102,7 +103,7 @@ Topic = Literal["motion", "sampling_steps", "speech_effect", "streaming", "train
 number of sampling steps, dependence on speech and noise, little delay, and training."""
 
 
-class FamilyError(ValueError):
+class FamilyUnavailableError(ValueError):
     """Error for a family that is not available; the message gives the reason."""
 
 
@@ -126,7 +127,7 @@ class Family:
     """Names of its generators, in the order of display."""
     descriptions: Mapping[str, str] = field(default_factory=dict)
     """One sentence for the user on each generator."""
-    samplers: Mapping[str, tuple[Sampler, ...]] = field(default_factory=dict)
+    samplers: Mapping[str, tuple[SamplerChoice, ...]] = field(default_factory=dict)
     """Samplers of each generator; the first is the default."""
     display_order: int = 100
     """Place of its systems among the families: the lowest first."""
@@ -136,7 +137,7 @@ class Family:
     """Generators that need the whole speech before they start, and so cannot stream."""
     shared_weights: Mapping[str, str] = field(default_factory=dict)
     """Generators that use the weights of another, with the name of that other."""
-    weights: Path | None = None
+    shipped_weights_folder: Path | None = None
     """Folder of the weights that the family ships; those in a requested folder take precedence."""
     representatives: Mapping[Topic, tuple[str, ...]] = field(default_factory=dict)
     """Generators that represent the family, by topic."""
@@ -155,23 +156,19 @@ class Family:
         return (*self.systems, *self.helper_networks)
 
     @property
-    def trained_networks(self) -> tuple[str, ...]:
-        """Names of all networks that have weights."""
+    def trainable_networks(self) -> tuple[str, ...]:
+        """Names of the networks that this project trains, each with weights of its own."""
         return tuple(name for name in self.network_names if name not in self.shared_weights)
 
     def config(self, preset: str, system: str) -> "TrainConfig":
-        """Return the training config of a preset.
-
-        Raises:
-            ValueError: if there is no preset of that name.
-        """
+        """Return the training config of a preset; raises ValueError for an unknown one."""
         presets = self.presets(system)
         if preset not in presets:
-            choice = f"choose one of {', '.join(presets)}" if presets else "it is not trained here"
+            choice = f"choose one of {', '.join(presets)}" if presets else "it has no configs"
             raise ValueError(f"There is no config {preset!r} of {system}; {choice}.")
         return presets[preset]
 
-    def samplers_of(self, system: str) -> tuple[Sampler, ...]:
+    def samplers_of(self, system: str) -> tuple[SamplerChoice, ...]:
         """Return the samplers of a generator; the first is the default."""
         return self.samplers.get(system, ())
 
@@ -179,7 +176,7 @@ class Family:
         """Return the name under which the weights of a generator are saved."""
         return self.shared_weights.get(system, system)
 
-    def systems_in(self, folder: Path) -> tuple[str, ...]:
+    def available_systems(self, folder: Path) -> tuple[str, ...]:
         """Return the generators with weights in a folder, or among the family's own."""
         return tuple(
             name
@@ -189,16 +186,15 @@ class Family:
 
     def weights_folder(self, name: str, folder: Path) -> Path:
         """Return the folder of a network's weights: ``folder``, or the family's own without any."""
-        if self.weights is None or _weights_file(folder, self.weights_name(name)).is_file():
+        if (
+            self.shipped_weights_folder is None
+            or _weights_file(folder, self.weights_name(name)).is_file()
+        ):
             return folder
-        return self.weights
+        return self.shipped_weights_folder
 
     def require_files(self) -> None:
-        """Check that everything that was named by ``files`` exists.
-
-        Raises:
-            CheckpointError, EncoderError: if something is missing.
-        """
+        """Check that all named ``files`` exist; raises CheckpointError or EncoderError."""
 
     def single_speech_reason(self) -> str | None:
         """Return why the named files suit one speech only, with advice; None if they suit any."""
@@ -238,11 +234,7 @@ class Family:
         return import_module(f"{self.package}.task").make_task(config, data, setup)
 
     def load(self, name: str, folder: Path) -> "System":
-        """Load a generator.
-
-        Raises:
-            CheckpointError: if its files are missing or damaged.
-        """
+        """Load a generator; raises CheckpointError if its files are missing or damaged."""
         home = self.weights_folder(name, folder)
         return import_module(f"{self.package}.system").load(name, home)
 

@@ -35,13 +35,13 @@ CONDITION_MARGIN = 12
 class Pace:
     """Latency settings of streaming generation."""
 
-    hop: int = 9
+    min_hop: int = 9
     """Fewest new frames per window; speech features arrive three at a time."""
     look_ahead: int = 9
     """Look-ahead: frames of speech after the last final frame, at least the overlap of windows."""
 
 
-class LiveMotion:
+class LiveGenerator:
     """Streaming generator for one speaker with constant memory.
 
     Raises:
@@ -51,10 +51,10 @@ class LiveMotion:
 
     def __init__(self, system: System, options: GenerateOptions, pace: Pace = Pace()) -> None:
         cut = system.windowing
-        if not cut.overlap <= pace.hop <= cut.advance or pace.look_ahead < cut.overlap:
+        if not cut.overlap <= pace.min_hop <= cut.advance or pace.look_ahead < cut.overlap:
             raise ValueError(
                 f"{system.name} needs a hop of {cut.overlap} to {cut.advance} frames and a "
-                f"look_ahead of at least {cut.overlap}; got {pace.hop} and {pace.look_ahead}."
+                f"look_ahead of at least {cut.overlap}; got {pace.min_hop} and {pace.look_ahead}."
             )
         self._cut, self._pace = cut, pace
         self._chain = WindowChain(system, options)
@@ -74,19 +74,19 @@ class LiveMotion:
         """First frame that is not final."""
 
     @property
-    def num_frames_in(self) -> int:
+    def num_speech_frames(self) -> int:
         """Number of frames of speech received so far."""
         return self._first + len(self._speech)
 
     @property
-    def num_ready(self) -> int:
-        """Frames that could become final at once; with fewer than the pace's hop, none do."""
-        return self.num_frames_in - self._pace.look_ahead - self.next_frame
+    def num_waiting_frames(self) -> int:
+        """Frames that could become final at once; negative before there is enough speech."""
+        return self.num_speech_frames - self._pace.look_ahead - self.next_frame
 
     @property
     def is_due(self) -> bool:
         """True if enough speech is there for the next window."""
-        return self.num_ready >= self._pace.hop
+        return self.num_waiting_frames >= self._pace.min_hop
 
     def add_features(self, features: Float[Tensor, "_ dim"]) -> None:
         """Append the next frames of features of ``system.encoder``."""
@@ -98,18 +98,14 @@ class LiveMotion:
         They are all waiting frames, but no more than a window's advance.
         """
         assert self.is_due
-        hop = min(self.num_ready, self._cut.advance)
+        hop = min(self.num_waiting_frames, self._cut.advance)
         final = self._window(hop).part(slice(hop))
         self.next_frame += hop
         self._forget_before(self.next_frame - 2 * (self._cut.frames + self._cut.context))
-        return self._motion.append(final)
+        return self._motion.next_motions(final)
 
     def set_style(self, style: Any) -> None:
-        """Use conditions of another style from now on.
-
-        Raises:
-            ValueError: if the system has no condition.
-        """
+        """Use conditions of another style from now on; raises ValueError if there are none."""
         if self._stream is None:
             raise ValueError("This system takes no condition besides speech.")
         self._stream.style = style
@@ -124,12 +120,10 @@ class LiveMotion:
         margin = 0 if self._constraint is None else self._constraint.margin
         final, ends = start + hop + margin, start + cut.frames + CONDITION_MARGIN
         streamed = self.ahead = self._stream.advance(self._speech_features, first, final, ends)
-        features, at = (
-            self._stream.conditioning(features, streamed, first),
-            start - streamed.zero_frame,
-        )
+        features = self._stream.conditioning(features, streamed, first)
+        at = start - streamed.zero_frame
         if self._constraint is not None:
-            self._constraint.continue_with(streamed, at)
+            self._constraint.set_condition(streamed, at)
         window = SpeechWindow(features)
         return self._chain.generate_joined(window, hop, streamed.condition, at)
 
@@ -137,7 +131,7 @@ class LiveMotion:
         """Return features of frames ``first`` to ``stop``, extrapolated at both ends."""
         wanted = torch.arange(first, stop)
         mirrored = torch.where(
-            wanted < self.num_frames_in, wanted, 2 * self.num_frames_in - 1 - wanted
+            wanted < self.num_speech_frames, wanted, 2 * self.num_speech_frames - 1 - wanted
         )
         return self._speech[(mirrored - self._first).clamp(min=0)]
 

@@ -45,7 +45,8 @@ class GenerationState:
     motion: Motion
     condition: Any
     changed_frames: tuple[range, ...]
-    """Frames that differ from those of the version before; all frames of a first version."""
+    """Frames that differ from those of the version before; all frames of a first version,
+    none of a restored state."""
     windows: tuple[Window, ...]
     """Windows before they are joined."""
     conditioning: Float[Tensor, "T input_dim"]
@@ -65,26 +66,25 @@ def regenerate(
 
     Args:
         previous: the version with another condition; only what differs is generated again.
-        on_piece: called with the next frames as soon as they are final.
 
     Raises:
         UnknownNameError, ValueError: as `generate_motion`, or without one sample and condition.
         Cancelled: if ``should_cancel`` returns true.
     """
-    if options.samples != 1 or len(options.conditions) != 1:
+    if options.num_samples != 1 or len(options.conditions) != 1:
         raise ValueError(
             "Only one sample with one condition can be regenerated; got "
-            f"{options.samples} samples and {len(options.conditions)} conditions."
+            f"{options.num_samples} samples and {len(options.conditions)} conditions."
         )
-    if system.root_motion != "place":
+    if system.root_format != "place":
         raise ValueError(
-            f"{system.name} cannot be regenerated: it predicts the velocity of the body, not its "
-            "position."
+            f"Motion of {system.name} cannot be regenerated: the system predicts the velocity of "
+            "the body, not its position."
         )
     cut, spec = system.windowing, first_window_spec(system, options)
     former_followed = None if previous is None else previous.constraint_state
     constraint = system.make_constraint(options.conditions[0], former_followed)
-    count = num_windows(speech.num_frames, cut.frames, cut.overlap)
+    count = num_windows(speech.num_motion_frames, cut.frames, cut.overlap)
     with single_threaded():
         conditioning = system.conditioning(
             speech.waveform, cut.frames + (count - 1) * cut.advance, spec
@@ -94,7 +94,7 @@ def regenerate(
         fresh: list[range] = []
         pieces: list[Motion] = []
         regenerated: MotionAssembler | None = None
-        leads_here, left = False, speech.num_frames
+        leads_here, left = False, speech.num_motion_frames
         for k in range(count):
             where = k * cut.advance, cut.frames, cut.context
             window = SpeechWindow.of(conditioning, *where)
@@ -115,14 +115,14 @@ def regenerate(
                     windows.append(_blend_back(new, old, cut.advance))
                 stop = (k + 1) * cut.advance
                 if leads_here and k == count - 1:  # then the frames it shares with none are new
-                    stop = speech.num_frames
-                fresh.append(range(k * cut.advance, min(stop, speech.num_frames)))
+                    stop = speech.num_motion_frames
+                fresh.append(range(k * cut.advance, min(stop, speech.num_motion_frames)))
             joined = chain.join(windows[-1])
             origin = (windows if previous is None else previous.windows)[0]
             regenerated = regenerated or MotionAssembler(system, origin.root[:, :1], constraint)
             length = min(left, joined.root.shape[1] if k == count - 1 else cut.advance)
             if length:  # a last window may hold only frames beyond the speech
-                pieces += regenerated.append(joined.part(slice(length)))
+                pieces += regenerated.next_motions(joined.part(slice(length)))
                 left -= length
                 on_piece(pieces[-1])
     motion = concatenate(pieces)
@@ -134,7 +134,7 @@ def regenerate(
 
 
 def _same(one: SpeechWindow, other: SpeechWindow) -> bool:
-    return bool((one.speech - other.speech).abs().max() < CONDITION_TOLERANCE)
+    return bool((one.features - other.features).abs().max() < CONDITION_TOLERANCE)
 
 
 def _blend_back(new: Window, old: Window, advance: int) -> Window:
@@ -171,7 +171,7 @@ STATE_SUFFIX = ".windows"
 _CONDITIONING, _FOLLOWED = "heard", "followed."
 
 
-def save_state(state: GenerationState, path: Path) -> None:
+def save_windows(state: GenerationState, path: Path) -> None:
     """Write the windows and their input features, bit-exact; the rest has separate files."""
     fields = [window.sliced_tensors(slice(None)) for window in state.windows]
     tensors = {name: torch.stack([each[name] for each in fields]) for name in fields[0]}
@@ -183,12 +183,8 @@ def save_state(state: GenerationState, path: Path) -> None:
         part.write_bytes(save({_CONDITIONING: conditioning, **followed, **tensors}))
 
 
-def load_state(path: Path, system: System, condition: Any, motion: Motion) -> GenerationState:
-    """Load a system's motion under a condition, as written by `save_state`.
-
-    Raises:
-        StateError: if the file is missing or damaged.
-    """
+def restore_state(path: Path, system: System, condition: Any, motion: Motion) -> GenerationState:
+    """Restore the state that `save_windows` wrote; raises StateError if missing or damaged."""
     try:
         tensors = load(path.read_bytes())
         names = [name for name in tensors if name.startswith(_FOLLOWED)]

@@ -55,7 +55,7 @@ class GenerateOptions(Sampling):
 
     speaker: str
     seed: int = 0
-    samples: int = 1
+    num_samples: int = 1
     first_sample: int = 0
     """Number of the first sample, so that one of many can be generated alone."""
     conditions: tuple[Any, ...] = ()
@@ -64,14 +64,14 @@ class GenerateOptions(Sampling):
     """Words with their times, if known: conditions may be drawn to fit them."""
 
     def __post_init__(self) -> None:
-        if self.samples < 1:
-            raise ValueError(f"samples is {self.samples}; at least 1 is needed.")
+        if self.num_samples < 1:
+            raise ValueError(f"num_samples is {self.num_samples}; at least 1 is needed.")
         super().__post_init__()
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative.")
-        if len(self.conditions) not in (0, 1, self.samples):
+        if len(self.conditions) not in (0, 1, self.num_samples):
             raise ValueError(
-                f"There are {len(self.conditions)} conditions for {self.samples} samples; "
+                f"There are {len(self.conditions)} conditions for {self.num_samples} samples; "
                 "give one for all, or one for each."
             )
 
@@ -82,7 +82,7 @@ def generate_motion(
     options: GenerateOptions,
     should_cancel: Callable[[], bool] | None = None,
 ) -> list[Motion]:
-    """Generate one motion for each sample, exactly ``speech.num_frames`` frames at 30 fps.
+    """Generate one motion for each sample, exactly ``speech.num_motion_frames`` frames at 30 fps.
 
     Speech shorter than a window is padded with silence, and the motion cut again. Torch uses one
     thread meanwhile (`single_threaded`).
@@ -98,17 +98,20 @@ def generate_motion(
     motions: dict[int, list[Motion]] = {}
     with single_threaded():
         for piece in motion_pieces(system, speech, options, should_cancel):
-            for sample, motion in enumerate(piece.motions, start=piece.first_sample):
+            for sample, motion in enumerate(piece.motions, start=piece.first_index):
                 motions.setdefault(sample, []).append(motion)
-    return [concatenate(motions[sample]) for sample in range(options.samples)]
+    return [concatenate(motions[sample]) for sample in range(options.num_samples)]
 
 
-def measure_ms_per_frame(system: System, speech: Speech, steps: int, samples: int = 1) -> float:
-    """Measure the milliseconds per frame and sample, without the computation of speech features."""
-    options = GenerateOptions(next(iter(system.speakers)), steps=steps, samples=samples)
+def measure_ms_per_frame(system: System, speech: Speech, steps: int, num_samples: int = 1) -> float:
+    """Measure the milliseconds per frame of each sample.
+
+    Generate once before, so that the speech features are cached and do not count.
+    """
+    options = GenerateOptions(next(iter(system.speakers)), steps=steps, num_samples=num_samples)
     started = time.perf_counter()
     generate_motion(system, speech, options)
-    return 1e3 * (time.perf_counter() - started) / (speech.num_frames * samples)
+    return 1e3 * (time.perf_counter() - started) / (speech.num_motion_frames * num_samples)
 
 
 @dataclass(frozen=True)
@@ -116,8 +119,8 @@ class MotionPiece:
     """Frames that continue those of the piece before."""
 
     motions: list[Motion]
-    """One motion for each sample from `first_sample` on."""
-    first_sample: int
+    """One motion for each sample from `first_index` on."""
+    first_index: int
     """Index of the first sample, from 0 among the requested ones."""
     progress: float
     """Share of the system's work that is done with this piece, 0 to 1."""
@@ -141,13 +144,13 @@ def motion_pieces(
         yield from _generate_pieces(system, speech, options, should_cancel)
         return
     conditions = options.conditions or tuple(_drawn(system, speech, options))
-    for sample in range(options.samples):
+    for sample in range(options.num_samples):
         one = conditions[min(sample, len(conditions) - 1)]
         first = options.first_sample + sample
-        own = replace(options, samples=1, first_sample=first, conditions=(one,))
+        own = replace(options, num_samples=1, first_sample=first, conditions=(one,))
         for piece in _generate_pieces(system, speech, own, should_cancel):
-            progress = (sample + piece.progress) / options.samples
-            yield replace(piece, first_sample=sample, progress=progress)
+            progress = (sample + piece.progress) / options.num_samples
+            yield replace(piece, first_index=sample, progress=progress)
 
 
 def draw_conditions(system: System, speech: Speech, options: GenerateOptions) -> tuple[Any, ...]:
@@ -158,9 +161,9 @@ def draw_conditions(system: System, speech: Speech, options: GenerateOptions) ->
 
 def _drawn(system: System, speech: Speech, options: GenerateOptions) -> Iterator[Any]:
     spec = first_window_spec(system, options)
-    for sample in range(options.samples):
+    for sample in range(options.num_samples):
         one = replace(spec, first_sample=spec.first_sample + sample)
-        yield system.sample_condition(speech.waveform, speech.num_frames, one)
+        yield system.draw_condition(speech.waveform, speech.num_motion_frames, one)
 
 
 def _generate_pieces(
@@ -170,19 +173,20 @@ def _generate_pieces(
     should_cancel: Callable[[], bool] | None,
 ) -> Iterator[MotionPiece]:
     cut = system.windowing
-    count = num_windows(speech.num_frames, cut.frames, cut.overlap)
+    count = num_windows(speech.num_motion_frames, cut.frames, cut.overlap)
     num_frames = cut.frames + (count - 1) * cut.advance
     features = system.conditioning(speech.waveform, num_frames, first_window_spec(system, options))
     constraint = system.make_constraint(options.conditions[0]) if options.conditions else None
-    pieces, chain = MotionAssembler(system, constraint=constraint), WindowChain(system, options)
-    left = speech.num_frames
+    assembler = MotionAssembler(system, constraint=constraint)
+    chain = WindowChain(system, options)
+    left = speech.num_motion_frames
     for index in range(count):
         if should_cancel is not None and should_cancel():
             raise Cancelled
         speech_window = SpeechWindow.of(features, index * cut.advance, cut.frames, cut.context)
         length = min(left, cut.frames if index == count - 1 else cut.advance)
         left -= length
-        motions = pieces.append(chain.generate_joined(speech_window).part(slice(length)))
+        motions = assembler.next_motions(chain.generate_joined(speech_window).part(slice(length)))
         yield MotionPiece(motions, 0, (index + 1) / count)
 
 
@@ -200,21 +204,24 @@ class WindowChain:
         speech: SpeechWindow,
         advance: int | None = None,
         condition: Any = None,
-        first_frame: int | None = None,
+        first_condition_frame: int | None = None,
     ) -> Window:
         """Generate the next window, joined to the one before.
 
         Args:
             advance: number of its frames after which the next window starts, from ``overlap`` on;
                 only those are final. None is the system's own advance.
-            condition, first_frame: of this window, if conditions are drawn as speech arrives.
+            condition, first_condition_frame: of this window, if conditions are drawn as speech
+                arrives.
         """
         if condition is not None:
-            self._draw = replace(self._draw, condition=condition, first_frame=first_frame)
+            self._draw = replace(
+                self._draw, condition=condition, first_condition_frame=first_condition_frame
+            )
         return self.join(self.generate(speech), advance)
 
     def generate(self, speech: SpeechWindow) -> Window:
-        """Generate the next window without joining it."""
+        """Generate the window after the last joined one; only `join` moves the chain on."""
         return self._system.window(speech, self._made, self._draw)
 
     def join(self, window: Window, advance: int | None = None) -> Window:
@@ -248,10 +255,10 @@ class MotionAssembler:
         self._constraint = constraint
         self._travelled = None if origin is None else origin * _HORIZONTAL
 
-    def append(self, piece: Window) -> list[Motion]:
+    def next_motions(self, piece: Window) -> list[Motion]:
         """Return the motion of the frames after those of the piece before, one for each sample."""
         root, travelled = piece.root, self._travelled
-        if self._system.root_motion == "place":
+        if self._system.root_format == "place":
             travelled = root[:, :1] * _HORIZONTAL if travelled is None else travelled
             positions = root - travelled
         elif travelled is None:
@@ -259,31 +266,27 @@ class MotionAssembler:
         else:  # continue from the frame before
             leading = torch.cat([torch.zeros_like(root[:, :1]), root], dim=1)
             positions = root_positions(leading)[:, 1:] + travelled
-        if self._system.root_motion == "velocity":
+        if self._system.root_format == "velocity":
             travelled = positions[:, -1:] * _HORIZONTAL
         self._travelled = travelled
-        is_global = self._system.frame == "world"
+        is_global = self._system.rotation_frame == "global"
         local = local_from_global(piece.rotmat) if is_global else piece.rotmat
         poses = axis_angle_from_matrix(local).flatten(-2)
         motions = [
             _motion(*one, self._system.expression_basis)
             for one in zip(poses, positions, piece.expression, strict=True)
         ]
-        return motions if self._constraint is None else [self._constraint.apply(*motions)]
+        return motions if self._constraint is None else [self._constraint.constrain_next(*motions)]
 
 
 def first_window_spec(system: System, options: GenerateOptions) -> WindowSpec:
-    """Return the inputs of the first window.
-
-    Raises:
-        UnknownNameError, ValueError: see `generate_motion`.
-    """
+    """Return the inputs of the first window; raises as `generate_motion`."""
     if options.conditions and system.condition_type is None:
         raise ValueError(f"{system.name} takes no condition besides speech; omit it.")
     return WindowSpec(
-        speaker=system.speaker_index(options.speaker),
+        speaker_index=system.speaker_index(options.speaker),
         seed=options.seed,
-        num_samples=options.samples,
+        num_samples=options.num_samples,
         index=0,
         **vars(system.resolve_sampling(options)),
         first_sample=options.first_sample,

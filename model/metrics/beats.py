@@ -64,7 +64,7 @@ def read_mean_speeds(path: Path) -> Float[np.ndarray, " 13"]:
     except (OSError, ValueError, EOFError, TypeError) as error:
         raise MotionError(
             f"{path.name} must contain {NUM_JOINTS} positive numbers, the mean speed of each "
-            "joint. Give EMAGE's mean_vel_smplxflame_30.npy from BEAT2's folder weights."
+            "joint. Use EMAGE's mean_vel_smplxflame_30.npy from the `weights` folder of BEAT2."
         ) from error
     return speeds
 
@@ -77,11 +77,7 @@ def joint_speeds(positions: Float[np.ndarray, "T J 3"]) -> Float[np.ndarray, "T 
 def motion_beats(
     speeds: Float[np.ndarray, "T J"], mean_speed: Float[np.ndarray, " J"]
 ) -> list[Float[np.ndarray, " beats"]]:
-    """Return the times (s) of each joint's motion beats.
-
-    Args:
-        mean_speed: mean speed of each joint over recorded motion (m/s).
-    """
+    """Return times (s) of each joint's beats from its mean speed (m/s) over recorded motion."""
     beats = []
     for speed, mean in zip(speeds.T, mean_speed, strict=True):
         (minima,) = argrelextrema(speed, np.less, order=MINIMUM_ORDER)
@@ -113,45 +109,41 @@ def beat_align_motion_to_audio(
     return _nearness(np.concatenate(list(beats)), onsets, SIGMA_MOTION_TO_AUDIO_S)
 
 
-def onsets_within_margins(
+def onsets_between_margins(
     onsets: Float[np.ndarray, " n"], duration_s: float
 ) -> Float[np.ndarray, " m"]:
     """Return the onsets that are further than `MARGIN_S` from both ends."""
     return onsets[(onsets >= MARGIN_S) & (onsets < duration_s - MARGIN_S)]
 
 
-def joint_beats(
-    positions: Float[np.ndarray, "T J 3"], mean_speed: Float[np.ndarray, " 13"]
+def upper_body_beats(
+    positions: Float[np.ndarray, "T 55 3"], mean_speed: Float[np.ndarray, " 13"]
 ) -> list[Float[np.ndarray, " beats"]]:
-    """Return the times (s) of the motion beats of each of `BEAT_JOINTS`.
-
-    Args:
-        positions: pelvis-aligned positions of all joints in metres.
-    """
+    """Return beat times (s) of each of `BEAT_JOINTS` from pelvis-aligned positions (m)."""
     return motion_beats(joint_speeds(positions[:, BEAT_JOINTS]), mean_speed)
 
 
-def score_and_chance(
+def score_and_shifted_scores(
     score: Callable[[Float[np.ndarray, " n"], Sequence[Float[np.ndarray, " _"]]], float],
     onsets: Float[np.ndarray, " n"],
     beats: Sequence[Float[np.ndarray, " _"]],
     duration_s: float,
 ) -> tuple[float, Float[np.ndarray, " shifts"]]:
     """Return the score of one direction, and the scores of the circularly shifted onsets."""
-    inside = onsets_within_margins(onsets, duration_s)
+    inside = onsets_between_margins(onsets, duration_s)
     return score(inside, beats), np.array([score(s, beats) for s in _shifted(inside, duration_s)])
 
 
 def beat_scores(
-    positions: Float[np.ndarray, "T J 3"],
+    positions: Float[np.ndarray, "T 55 3"],
     onsets: Float[np.ndarray, " n"],
     mean_speed: Float[np.ndarray, " 13"],
 ) -> dict[str, float]:
-    """Compute the scores of both directions and their mean chance levels; see `joint_beats`."""
-    beats, scores = joint_beats(positions, mean_speed), {}
+    """Compute the scores of both directions and their mean chance levels (`upper_body_beats`)."""
+    beats, scores = upper_body_beats(positions, mean_speed), {}
     for score in (beat_align_audio_to_motion, beat_align_motion_to_audio):
         name = score.__name__
-        scores[name], chance = score_and_chance(score, onsets, beats, len(positions) / FPS)
+        scores[name], chance = score_and_shifted_scores(score, onsets, beats, len(positions) / FPS)
         scores[f"{name}_chance"] = float(chance.mean())
     return scores
 

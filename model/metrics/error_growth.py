@@ -48,40 +48,35 @@ MAX_FRAMES = 60 * FPS
 class ErrorGrowth:
     """Root mean square displacement of points (m) under rotation noise, over frames and draws."""
 
-    points: tuple[str, ...]
+    point_names: tuple[str, ...]
     """Names of the chain's points, from the joint after the pelvis to the tracked point."""
     local_rms_m: Float64[np.ndarray, " points"]
-    """Spread (m) with noise on the local rotations."""
+    """Displacement (m) with noise on the local rotations."""
     global_rms_m: Float64[np.ndarray, " points"]
-    predicted_local_spread_m: Float64[np.ndarray, " points"]
-    """Spread predicted in closed form, with the lever arms of the clip's poses (m)."""
-    predicted_global_spread_m: Float64[np.ndarray, " points"]
+    predicted_local_rms_m: Float64[np.ndarray, " points"]
+    """`local_rms_m` predicted in closed form, with the lever arms of the clip's poses (m)."""
+    predicted_global_rms_m: Float64[np.ndarray, " points"]
     jerk_m_s3: dict[str, float]
     """Mean jerk (m/s³) of the tracked point: ``clean``, with ``local`` and ``global`` noise."""
-    local_angle_error_ratio: float
+    local_angle_global_to_local_ratio: float
     """Error of local angles from noisy global rotations over noisy local ones; sqrt(2) expected."""
 
     @property
     def local_to_global_ratio(self) -> float:
-        """Spread of the tracked point with local noise over that with global noise."""
+        """Displacement of the tracked point with local noise over that with global noise."""
         return float(self.local_rms_m[-1] / self.global_rms_m[-1])
 
     @property
     def predicted_local_to_global_ratio(self) -> float:
-        return float(self.predicted_local_spread_m[-1] / self.predicted_global_spread_m[-1])
+        return float(self.predicted_local_rms_m[-1] / self.predicted_global_rms_m[-1])
 
 
 def measure_error_growth(
-    motion: Motion,
-    skeleton: RestSkeleton,
-    point: str,
-    noise_rad: float = NOISE_RAD,
-    seed: int = 0,
+    motion: Motion, skeleton: RestSkeleton, point: str, noise_rad: float = NOISE_RAD, seed: int = 0
 ) -> ErrorGrowth:
     """Measure on one motion how noise on local and on global rotations spreads along a chain.
 
     Args:
-        point: the fingertip or joint to track, one of `model.motion.tracks.POINT_NAMES`.
         noise_rad: standard deviation of each component of the random turns.
 
     Raises:
@@ -90,7 +85,8 @@ def measure_error_growth(
     chain = kinematic_chain(point)
     if not chain:
         raise ValueError(
-            f"No rotation moves the {point_label(point)}; track a point further from the pelvis."
+            f"The {point_label(point)} does not depend on joint rotations; track a point further "
+            "from the pelvis."
         )
     skeleton = RestSkeleton(skeleton.rest_joints.double(), skeleton.tip_offsets.double())
     joints = list(chain)
@@ -118,27 +114,29 @@ def measure_error_growth(
     jerk_local, jerk_global = np.mean(jerks, axis=0)
     predicted_local, predicted_global = _predicted(clean, noise_rad)
     return ErrorGrowth(
-        points=(*(JOINT_NAMES[joint] for joint in chain[1:]), point),
+        point_names=(*(JOINT_NAMES[joint] for joint in chain[1:]), point),
         local_rms_m=torch.stack(moved_local).mean(0).sqrt().numpy(),
         global_rms_m=torch.stack(moved_global).mean(0).sqrt().numpy(),
-        predicted_local_spread_m=predicted_local.numpy(),
-        predicted_global_spread_m=predicted_global.numpy(),
+        predicted_local_rms_m=predicted_local.numpy(),
+        predicted_global_rms_m=predicted_global.numpy(),
         jerk_m_s3={
             "clean": _mean_jerk(clean[:, -1]),
             "local": float(jerk_local),
             "global": float(jerk_global),
         },
-        local_angle_error_ratio=float(torch.stack(recovered).mean().sqrt()),
+        local_angle_global_to_local_ratio=float(torch.stack(recovered).mean().sqrt()),
     )
 
 
 def error_growth_summary(growth: ErrorGrowth, noise_rad: float) -> str:
-    """Format the result of the experiment as one sentence."""
+    """Format the result of the experiment as sentences."""
     local, world = (100 * float(s[-1]) for s in (growth.local_rms_m, growth.global_rms_m))
     return (
-        f"Noise of {noise_rad:g} rad on every joint moves the {point_label(growth.points[-1])} by"
-        f" {local:.1f} cm if added to local rotations and by {world:.1f} cm if added to global"
-        f" rotations: {growth.local_to_global_ratio:.1f} times as far (predicted from lever arms:"
+        f"Noise of {noise_rad:g} rad on every joint moves the "
+        f"{point_label(growth.point_names[-1])} by {local:.1f} cm if added to local rotations "
+        f"and by {world:.1f} cm if added to global rotations. With local noise it moves "
+        f"{growth.local_to_global_ratio:.1f} times as far as with global noise (predicted from "
+        "lever arms:"
         f" {growth.predicted_local_to_global_ratio:.1f} times)."
     )
 
@@ -156,7 +154,7 @@ def _points(
 def _predicted(
     points: Float[Tensor, "T chain 3"], noise_rad: float
 ) -> tuple[Float[Tensor, " chain"], Float[Tensor, " chain"]]:
-    """Compute the closed-form spread of every point for local and for global noise."""
+    """Compute the closed-form displacement (m) of every point for local and for global noise."""
     joints = torch.cat([torch.zeros_like(points[:, :1]), points[:, :-1]], dim=1)
     squared_lever = (points[:, :, None] - joints[:, None]).square().sum(-1).mean(0)
     local = squared_lever.tril().sum(-1)  # a joint moves what comes after it only

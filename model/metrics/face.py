@@ -52,7 +52,7 @@ MAX_LAG_S = 0.5
 SMOOTHING_FRAMES = 9
 
 
-def max_lag_correlation(a: Float[np.ndarray, " N"], b: Float[np.ndarray, " M"]) -> float:
+def max_correlation_over_lags(a: Float[np.ndarray, " N"], b: Float[np.ndarray, " M"]) -> float:
     """Compute the highest correlation over lags of up to 0.5 s, after smoothing over 0.3 s.
 
     Choosing the lag raises it above 0 for any two signals: compare with a shifted one.
@@ -77,33 +77,34 @@ SHIFT_S = 4.0
 _WRISTS = [JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
 
 
-def face_hand_correlation(motion: Motion, joints: Float[np.ndarray, "T 55 3"]) -> dict[str, float]:
+def face_hand_correlation_above_chance(
+    motion: Motion, joints: Float[np.ndarray, "T 55 3"]
+) -> dict[str, float]:
     """Compute ``brow_with_hands`` and ``head_with_hands``, correlations beyond chance.
 
     They correlate the inner brow raise, and the head's angular speed, with the speed of the wrists,
     less the correlation of the same face shifted by 4 s in a circle. Above 0: they move together
     more than by chance. A motion with FLAME coefficients has no brow value, one of less than 8 s
     neither.
-
-    Args:
-        joints: positions in metres; may be root-relative.
     """
     if motion.num_frames < 2 * SHIFT_S * FPS:
         return {}
-    hands = wrist_speed(joints)
-    measures = {"head_with_hands": _correlation_above_chance(head_speed(motion), hands)}
+    hands = wrist_speed_sum(joints)
+    measures = {
+        "head_with_hands": _correlation_above_chance(head_angular_speed_rad_s(motion), hands)
+    }
     if motion.expression_basis == "arkit52":
         brow = motion.expressions[1:, blendshape_columns("browInnerUp")].mean(1)
         measures["brow_with_hands"] = _correlation_above_chance(brow, hands)
     return measures
 
 
-def wrist_speed(joints: Float[np.ndarray, "T 55 3"]) -> Float[np.ndarray, " T1"]:
+def wrist_speed_sum(joints: Float[np.ndarray, "T 55 3"]) -> Float[np.ndarray, " T1"]:
     """Compute the sum of both wrists' speeds (m/s), from each frame to the next."""
     return np.linalg.norm(np.diff(joints[:, _WRISTS], axis=0), axis=-1).sum(-1) * FPS
 
 
-def head_speed(motion: Motion) -> Float[np.ndarray, " T1"]:
+def head_angular_speed_rad_s(motion: Motion) -> Float[np.ndarray, " T1"]:
     """Compute the head's angular speed against the chest (rad/s), from each frame to the next."""
     poses = torch.from_numpy(motion.poses).unflatten(-1, (-1, 3))
     neck, head = (matrix_from_axis_angle(poses[:, JOINT_INDEX[n]]) for n in ("neck", "head"))
@@ -116,4 +117,4 @@ def _correlation_above_chance(
     face: Float[np.ndarray, " N"], hands: Float[np.ndarray, " N"]
 ) -> float:
     later = np.roll(face, round(SHIFT_S * FPS))
-    return max_lag_correlation(face, hands) - max_lag_correlation(later, hands)
+    return max_correlation_over_lags(face, hands) - max_correlation_over_lags(later, hands)

@@ -9,6 +9,7 @@ interphalangeal 100 and 0, distal 80 to 90 and 0; the thumb's joints 70 (palmar 
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64
@@ -44,16 +45,16 @@ _MEDIAN_LENGTH = 1.5382
 
 
 @dataclass(frozen=True)
-class FingertipMeasures:
-    """Mean path, acceleration and jerk of the ten rigid fingertips."""
+class FingertipMetrics:
+    """Mean speed, acceleration and jerk of the ten rigid fingertips."""
 
-    fingertips_path_m_s: ByFingertip
+    fingertips_speed_m_s: ByFingertip
     fingertips_acceleration_m_s2: ByFingertip
     fingertips_jerk_m_s3: ByFingertip
 
 
 @dataclass(frozen=True)
-class PositionMeasures:
+class PositionMetrics:
     """Mean speed, acceleration and jerk of all joints, and their means by depth."""
 
     joint_speed_m_s: ByJoint
@@ -65,7 +66,7 @@ class PositionMeasures:
 
 
 @dataclass(frozen=True)
-class RotationMeasures:
+class RotationMetrics:
     """Mean angular speed, angular acceleration and rotation noise of all joints."""
 
     joint_angular_speed_deg_s: ByJoint
@@ -74,22 +75,23 @@ class RotationMeasures:
     angular_acceleration_by_depth_deg_s2: ByDepth
     joint_rotation_noise_deg: ByJoint
     fingers_still_share: Sides[float]
+    """Share of frames in which no finger joint of the hand moves."""
 
 
-def fingertip_metrics(tracks: Tracks) -> FingertipMeasures:
+def fingertip_metrics(tracks: Tracks) -> FingertipMetrics:
     """Compute the metrics of the ten rigid fingertips."""
-    return FingertipMeasures(
+    return FingertipMetrics(
         *(mean_over_time(derivative_magnitudes(tracks.fingertips, order)) for order in (1, 2, 3))
     )
 
 
-def position_metrics(tracks: Tracks) -> PositionMeasures:
+def position_metrics(tracks: Tracks) -> PositionMetrics:
     """Compute the metrics of all joint positions."""
     means = [mean_over_time(derivative_magnitudes(tracks.joints, order)) for order in (1, 2, 3)]
-    return PositionMeasures(*means, *map(mean_by_depth, means))
+    return PositionMetrics(*means, *map(mean_by_depth, means))
 
 
-def rotation_metrics(tracks: Tracks) -> RotationMeasures:
+def rotation_metrics(tracks: Tracks) -> RotationMetrics:
     """Compute the metrics of all local joint rotations."""
     velocity = angular_velocity(tracks.R_parent_joint)  # (T - 1, 55, 3)
     magnitude = np.degrees(np.linalg.norm(velocity, axis=-1))
@@ -103,17 +105,17 @@ def rotation_metrics(tracks: Tracks) -> RotationMeasures:
         is_still = magnitude[:, joints].max(axis=1) < FINGERS_STILL_DEG_S
         return float(mean_over_time(is_still.astype(np.float64)))
 
-    return RotationMeasures(
+    return RotationMetrics(
         joint_angular_speed_deg_s=speed,
         joint_angular_acceleration_deg_s2=acceleration,
         angular_speed_by_depth_deg_s=mean_by_depth(speed),
         angular_acceleration_by_depth_deg_s2=mean_by_depth(acceleration),
-        joint_rotation_noise_deg=np.degrees(rotation_noise(velocity)),
+        joint_rotation_noise_deg=np.degrees(estimate_rotation_noise_rad(velocity)),
         fingers_still_share=Sides(still_share(list(LEFT_HAND)), still_share(list(RIGHT_HAND))),
     )
 
 
-def rotation_noise(
+def estimate_rotation_noise_rad(
     velocity: Float[np.ndarray, "steps *joints 3"],
 ) -> Float[np.ndarray, " *joints"]:
     """Estimate the white noise of rotations: its standard deviation about each axis (rad).
@@ -147,12 +149,22 @@ ELBOW_BACKWARDS_DEG = 15.0
 FINGER_JOINT_NAMES = tuple(JOINT_NAMES[joint] for joint in HANDS)
 
 
-def flexion_angles_deg(
+class BendAngles(NamedTuple):
+    """Angles of a joint's bend over time (degrees)."""
+
+    flexion: Float64[np.ndarray, " T"]
+    """Positive inwards."""
+    sideways: Float64[np.ndarray, " T"]
+    """From -90 to 90."""
+    whole: Float64[np.ndarray, " T"]
+
+
+def bend_angles_deg(
     R_parent_joint: Float[np.ndarray, "T 3 3"],
     bone: Float[np.ndarray, " 3"],
     inwards: Float[np.ndarray, " 3"],
-) -> tuple[Float64[np.ndarray, " T"], Float64[np.ndarray, " T"], Float64[np.ndarray, " T"]]:
-    """Compute flexion (positive inwards), sideways bend (-90 to 90) and whole bend (degrees).
+) -> BendAngles:
+    """Compute flexion, sideways bend and whole bend (degrees).
 
     Args:
         bone: rest direction of the next bone, any length.
@@ -165,7 +177,8 @@ def flexion_angles_deg(
     forwards, flexed, sideways = frame @ (R_parent_joint.astype(np.float64) @ along).T
     whole = np.arctan2(np.hypot(flexed, sideways), forwards)
     flexion = np.arctan2(flexed, forwards)
-    return np.degrees(flexion), np.degrees(np.arcsin(np.clip(sideways, -1, 1))), np.degrees(whole)
+    sideways_bend = np.arcsin(np.clip(sideways, -1, 1))
+    return BendAngles(np.degrees(flexion), np.degrees(sideways_bend), np.degrees(whole))
 
 
 def finger_outside_limits(
@@ -177,7 +190,7 @@ def finger_outside_limits(
     for joint in HANDS:
         name = JOINT_NAMES[joint]
         segment = int(name[-1])
-        flexion, sideways, whole = flexion_angles_deg(
+        flexion, sideways, whole = bend_angles_deg(
             R_parent_joint[:, joint], _next_bone(joint, skeleton), palm
         )
         if "thumb" in name:
@@ -196,10 +209,8 @@ def elbow_backwards_share(
     elbow, wrist = (JOINT_INDEX[f"{side}_{name}"] for name in ("elbow", "wrist"))
     rest = skeleton.rest_joints.double().numpy()
     forwards = np.array([0.0, 0.0, 1.0])  # where a forearm goes in the T-pose
-    flexion, _, _ = flexion_angles_deg(
-        R_parent_joint[:, elbow], rest[wrist] - rest[elbow], forwards
-    )
-    return float(np.mean(flexion < -ELBOW_BACKWARDS_DEG))
+    bend = bend_angles_deg(R_parent_joint[:, elbow], rest[wrist] - rest[elbow], forwards)
+    return float(np.mean(bend.flexion < -ELBOW_BACKWARDS_DEG))
 
 
 def _next_bone(joint: int, skeleton: RestSkeleton) -> Float64[np.ndarray, " 3"]:

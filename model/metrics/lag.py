@@ -208,9 +208,7 @@ def _with_drift(
 
 
 def _drawn(
-    products: Float32[np.ndarray, "blocks reach products"],
-    slopes: list[int],
-    best: int,
+    products: Float32[np.ndarray, "blocks reach products"], slopes: list[int], best: int
 ) -> tuple[Float[np.ndarray, " draws"], Float[np.ndarray, " draws"]]:
     """Estimate lag and slope (frames) for each bootstrap draw of the blocks."""
     count = len(products)

@@ -4,6 +4,7 @@ Positions are in metres, y up, 30 fps. A metric that a clip cannot have is NaN.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -49,7 +50,15 @@ def foot_slide(feet: Float[np.ndarray, "T feet 3"]) -> float:
     return float(speed[is_down].mean()) if is_down.any() else float("nan")
 
 
-def foot_contact(feet: Float[np.ndarray, "T feet 3"]) -> tuple[float, float, float]:
+class FootShares(NamedTuple):
+    """Shares of frames, 0 to 1."""
+
+    contact: float
+    floating: float
+    sinking: float
+
+
+def foot_shares(feet: Float[np.ndarray, "T feet 3"]) -> FootShares:
     """Compute the shares of frames with ground contact, with floating and with sinking feet.
 
     Contact: a foot is within 5 cm of the ground. Floating, sinking: the lower foot is 8 cm or more
@@ -58,10 +67,11 @@ def foot_contact(feet: Float[np.ndarray, "T feet 3"]) -> tuple[float, float, flo
     lower = feet[..., 1].min(axis=1)
     off = lower - np.median(lower)
     contact = (height_above_ground(feet).min(axis=1) < CONTACT_HEIGHT_M).mean()
-    return float(contact), float((off > FLOATING_M).mean()), float((off < -SINKING_M).mean())
+    floating, sinking = (off > FLOATING_M).mean(), (off < -SINKING_M).mean()
+    return FootShares(float(contact), float(floating), float(sinking))
 
 
-def hand_speed_symmetry(joints: Float[np.ndarray, "T 55 3"]) -> float:
+def hand_speed_correlation(joints: Float[np.ndarray, "T 55 3"]) -> float:
     """Correlate the wrists' root-relative speeds (Pearson); NaN under 3 frames or if constant."""
     wrists = joints[:, list(WRISTS)] - joints[:, :1]
     left, right = derivative_magnitudes(wrists, 1).T
@@ -95,32 +105,32 @@ class Tilt:
 
 
 @dataclass(frozen=True)
-class PostureMeasures:
+class PostureMetrics:
     """Metrics of feet, spine, hands and root."""
 
     foot_slide_m_s: float
     foot_height_m: Sides[HeightRange]
     spine_tilt_deg: Tilt
-    hand_speed_symmetry: float
+    hand_speed_correlation: float
     root_drift_m: float
     foot_contact_share: float
     foot_floating_share: float
     foot_sinking_share: float
 
 
-def posture_metrics(tracks: Tracks) -> PostureMeasures:
+def posture_metrics(tracks: Tracks) -> PostureMetrics:
     """Compute the metrics of feet, spine, hands and root."""
     feet = tracks.joints[:, list(FEET)]
     tilt = spine_tilt_deg(tracks.joints)
     low, high = np.percentile(
         height_above_ground(feet), (LOW_PERCENTILE, HIGH_PERCENTILE), axis=0
     ).tolist()
-    contact, floating, sinking = foot_contact(feet)
-    return PostureMeasures(
+    contact, floating, sinking = foot_shares(feet)
+    return PostureMetrics(
         foot_slide_m_s=foot_slide(feet),
         foot_height_m=Sides(*map(HeightRange, low, high)),
         spine_tilt_deg=Tilt(float(tilt.mean()), float(np.percentile(tilt, HIGH_PERCENTILE))),
-        hand_speed_symmetry=hand_speed_symmetry(tracks.joints),
+        hand_speed_correlation=hand_speed_correlation(tracks.joints),
         root_drift_m=root_drift(tracks.joints[:, 0]),
         foot_contact_share=contact,
         foot_floating_share=floating,

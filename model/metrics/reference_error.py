@@ -23,7 +23,7 @@ from conventions.joints import (
 )
 from model.metrics.smoothness import mean_by_depth
 from model.motion.kinematics import mirror_local
-from model.motion.motion import Motion, arkit_weights, first_frames
+from model.motion.motion import Motion, arkit_weights_or_zeros, first_frames
 from model.motion.rotations import axis_angle_from_matrix, geodesic_angle
 from model.motion.tracks import Tracks
 
@@ -40,7 +40,7 @@ PARTS = {
 """Regular expression for the start of each part's joint names; all others are of the face."""
 
 
-def rotation_difference_by_part(first: Motion, second: Motion) -> dict[str, float]:
+def rotation_difference_by_part_deg(first: Motion, second: Motion) -> dict[str, float]:
     """Compute the mean angle of local rotations in each part (degrees), the largest first."""
     shortest = min(first.num_frames, second.num_frames)
     a, b = (first_frames(motion, shortest).local_rotations() for motion in (first, second))
@@ -60,8 +60,8 @@ _CHUNK_FRAMES = 2048
 
 
 @dataclass(frozen=True)
-class ErrorBySides:
-    """Mean local rotation error of upper body and hands (degrees)."""
+class MirrorErrors:
+    """Mean local rotation error of upper body and hands (degrees), as it is and mirrored."""
 
     as_is: float
     mirrored: float
@@ -75,6 +75,7 @@ class ErrorsToReference:
     """Mean errors over all frames; fields are named as in ``diagnostics.json``."""
 
     position_error_m: Float[np.ndarray, " 55"]
+    """Distance between the joint's pelvis-aligned positions (m)."""
     global_rotation_error_deg: Float[np.ndarray, " 55"]
     """Angle between the joint's global rotations (degrees)."""
     local_rotation_error_deg: Float[np.ndarray, " 55"]
@@ -84,7 +85,8 @@ class ErrorsToReference:
     local_rotation_error_by_depth_deg: Float[np.ndarray, " 11"]
     root_error_m: float
     """Distance between the two pelvises in world coordinates (m)."""
-    rotation_error_by_sides_deg: ErrorBySides
+    rotation_error_by_sides_deg: MirrorErrors
+    """Errors with and without mirroring or swapping of left and right."""
 
 
 def error_to_reference(tracks: Tracks, reference: Tracks) -> ErrorsToReference:
@@ -94,9 +96,10 @@ def error_to_reference(tracks: Tracks, reference: Tracks) -> ErrorsToReference:
     global_deg = mean_angle_deg(tracks.R_world_joint, reference.R_world_joint)
     local_deg = mean_angle_deg(tracks.R_parent_joint, reference.R_parent_joint)
     swapped = tracks.R_parent_joint[:, list(MIRROR_PERMUTATION)]
+    mirrored = mirror_local(torch.from_numpy(tracks.R_parent_joint)).numpy()
     by_sides = (
         local_deg,
-        mean_angle_deg(_mirrored(tracks.R_parent_joint), reference.R_parent_joint),
+        mean_angle_deg(mirrored, reference.R_parent_joint),
         mean_angle_deg(swapped, reference.R_parent_joint),
     )
     return ErrorsToReference(
@@ -109,7 +112,7 @@ def error_to_reference(tracks: Tracks, reference: Tracks) -> ErrorsToReference:
         root_error_m=float(
             np.linalg.norm(tracks.joints[:, 0] - reference.joints[:, 0], axis=-1).mean()
         ),
-        rotation_error_by_sides_deg=ErrorBySides(
+        rotation_error_by_sides_deg=MirrorErrors(
             *(float(error[list(UPPER_BODY_AND_HANDS)].mean()) for error in by_sides)
         ),
     )
@@ -125,10 +128,6 @@ def mean_angle_deg(
         parts = (torch.from_numpy(rotmat[frames]) for rotmat in (a, b))
         total += geodesic_angle(*parts).double().sum(0).numpy()
     return np.degrees(total / len(a))
-
-
-def _mirrored(R_parent_joint: Float[np.ndarray, "T 55 3 3"]) -> Float[np.ndarray, "T 55 3 3"]:
-    return mirror_local(torch.from_numpy(R_parent_joint)).numpy()
 
 
 BATCH_WINDOWS = 50
@@ -155,7 +154,7 @@ def l1_distance_to_mean(positions: Float[np.ndarray, "T J 3"]) -> float:
     return float(np.abs(positions - positions.mean(0)).sum((1, 2)).mean())
 
 
-def cut_into_windows(motion: Motion) -> Float32[np.ndarray, "W 30 dim"]:
+def diversity_windows(motion: Motion) -> Float32[np.ndarray, "W 30 dim"]:
     """Cut the motion into consecutive windows of 2 s at 15 frames per second.
 
     Returns:
@@ -167,12 +166,12 @@ def cut_into_windows(motion: Motion) -> Float32[np.ndarray, "W 30 dim"]:
     rotations = axis_angle_from_matrix(motion.local_rotations()[frames])
     parts = [rotations.flatten(1).numpy()]
     if motion.expression_basis == "arkit52":
-        parts.append(arkit_weights(motion)[frames])
+        parts.append(arkit_weights_or_zeros(motion)[frames])
     numbers = np.concatenate(parts, axis=1)
     return numbers.reshape(num_windows, WINDOW_FRAMES // EVERY_FRAMES, numbers.shape[1])
 
 
-def window_batches(num_windows: int) -> Iterator[Int[np.ndarray, " B"]]:
+def shuffled_window_batches(num_windows: int) -> Iterator[Int[np.ndarray, " B"]]:
     """Yield batches of 50 shuffled window indices, always the same; the rest comes last."""
     order = np.random.default_rng(0).permutation(num_windows)
     for start in range(0, num_windows, BATCH_WINDOWS):

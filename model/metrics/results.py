@@ -12,22 +12,22 @@ from typing import Any, Literal
 import numpy as np
 
 from model.metrics.joints import (
-    FingertipMeasures,
+    FingertipMetrics,
     JointLimitMetrics,
-    PositionMeasures,
-    RotationMeasures,
+    PositionMetrics,
+    RotationMetrics,
 )
 from model.metrics.lag import Lag
-from model.metrics.posture import PostureMeasures
+from model.metrics.posture import PostureMetrics
 from model.metrics.reference_error import Diversity, ErrorsToReference
-from model.metrics.seams import SeamMeasures
+from model.metrics.seams import SeamMetrics
 from model.metrics.tracked_point import TrackedPointMetrics
 
-BeatSpeeds = Literal["reference", "own", "emage"]
+BeatSpeedSource = Literal["reference", "own", "emage"]
 
 
 @dataclass(frozen=True)
-class BeatMeasures:
+class BeatMetrics:
     """BeatAlign in EMAGE's direction with its chance level and details; NaN if no onset counts."""
 
     beat_align: float
@@ -36,14 +36,14 @@ class BeatMeasures:
     """Highest score of the shifted onsets, the mean of which is the chance level."""
     beats_per_joint_s: float
     """Motion beats per second, mean of the 13 joints."""
-    beat_onsets: int
+    num_speech_onsets: int
     """Number of onsets that count."""
-    beat_speed_reference: BeatSpeeds
+    beat_speed_source: BeatSpeedSource
     """Source of the mean speeds in the threshold of motion beats."""
 
 
 @dataclass(frozen=True)
-class PublishedMeasures:
+class PublishedProtocolMetrics:
     """Values of published protocols (`model.metrics.protocols`) by id and name."""
 
     protocols: Mapping[str, Mapping[str, float]]
@@ -54,20 +54,20 @@ class MotionMetrics:
     """All metrics of one motion; in files the fields of all groups are on one level."""
 
     point: TrackedPointMetrics
-    fingertips: FingertipMeasures
-    positions: PositionMeasures
-    rotations: RotationMeasures
-    seams: SeamMeasures
-    posture: PostureMeasures
-    ranges: JointLimitMetrics
+    fingertips: FingertipMetrics
+    positions: PositionMetrics
+    rotations: RotationMetrics
+    seams: SeamMetrics
+    posture: PostureMetrics
+    joint_limits: JointLimitMetrics
     diversity: Diversity
     errors: ErrorsToReference | None = None
     """Errors to the reference; None without a reference."""
-    beats: BeatMeasures | None = None
+    beats: BeatMetrics | None = None
     """BeatAlign; None without speech."""
     lag: Lag | None = None
     """Lag of the unfiltered motion behind the speech; None without speech."""
-    published: PublishedMeasures | None = None
+    published: PublishedProtocolMetrics | None = None
     """Published protocols; None for filtered motion, to which their authors do not apply them."""
 
     def as_json(self) -> dict[str, Any]:

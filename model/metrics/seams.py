@@ -85,7 +85,7 @@ class JerkPeriod:
     kind: Kind
     part: str
     """Name in `PARTS` of the part with this period."""
-    phase_frame: int
+    frame_in_period: int
     """Frame of the period, counted from the first of the clip, with the highest mean jerk."""
     periods: int
     """Number of whole periods in the clip."""
@@ -96,7 +96,7 @@ class JerkPeriod:
     p_value: float
     """P-value of the period, Bonferroni-corrected for all periods, phases and body parts."""
     worst_frames: tuple[int, ...]
-    """Frames of the clip with the highest jerk at that phase, at most `WORST`."""
+    """Frames of the clip with the highest jerk at that frame of the period, at most `WORST`."""
 
 
 @dataclass(frozen=True)
@@ -211,15 +211,17 @@ def _fold_by_period(values: Float[np.ndarray, " N"], frames: int) -> Float[np.nd
     return values[: whole * frames].reshape(whole, frames).mean(axis=0)
 
 
-def mean_jerk_by_phase(jerk: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " frames"]:
-    """Compute the mean jerk at each phase of a period; NaN where there is none.
+def mean_jerk_by_frame_of_period(
+    jerk: Float[np.ndarray, " N"], period_frames: int
+) -> Float[np.ndarray, " period_frames"]:
+    """Compute the mean jerk at each frame of a period; NaN where there is none.
 
     A third difference over frames i to i + 3 is counted at frame i + 2, the first frame after its
     middle: a jump between frames f - 1 and f is highest at phase f.
     """
-    phase = (np.arange(len(jerk)) + 2) % frames
-    count = np.bincount(phase, minlength=frames)
-    total = np.bincount(phase, weights=jerk, minlength=frames)
+    phase = (np.arange(len(jerk)) + 2) % period_frames
+    count = np.bincount(phase, minlength=period_frames)
+    total = np.bincount(phase, weights=jerk, minlength=period_frames)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
@@ -233,7 +235,7 @@ def _shortest(frames: int, folded: Float[np.ndarray, " frames"]) -> int:
 
 
 def _described(chosen: _Candidate, jerk: Float[np.ndarray, " N"]) -> JerkPeriod:
-    folded = mean_jerk_by_phase(jerk, chosen.frames)
+    folded = mean_jerk_by_frame_of_period(jerk, chosen.frames)
     phase = int(folded.argmax())
     entries = np.arange((phase - 2) % chosen.frames, len(jerk), chosen.frames)
     worst = entries[np.argsort(-jerk[entries])][:WORST]
@@ -241,7 +243,7 @@ def _described(chosen: _Candidate, jerk: Float[np.ndarray, " N"]) -> JerkPeriod:
         frames=chosen.frames,
         kind=chosen.kind,
         part=chosen.part,
-        phase_frame=phase,
+        frame_in_period=phase,
         periods=len(jerk) // chosen.frames,
         peak_over_median=float(folded[phase] / max(float(np.median(folded)), STILL_M_S3)),
         peak_over_minimum=float(folded[phase] / max(float(folded.min()), STILL_M_S3)),
@@ -283,8 +285,8 @@ def seam_jerk_ratio(jerk: Float[np.ndarray, " N"], window_advance: int, overlap:
 class RecurringJerk:
     """Frame of a window with the highest jerk, window after window."""
 
-    phase_frame: int | None
-    """Frame in the window; None if there are too few windows."""
+    frame_in_period: int | None
+    """Frame in the window with the highest jerk; None if there are too few windows."""
     windows: int
     """Number of whole windows in the medians."""
     ratio: float
@@ -294,7 +296,7 @@ class RecurringJerk:
 
 
 def recurring_jerk(jerk: Float[np.ndarray, " N"], window_advance: int) -> RecurringJerk:
-    """Find the peak of `mean_jerk_by_phase` with medians, so that no single jump can cause it.
+    """Find the peak of the mean jerk by medians, so that no single jump can cause it.
 
     NaN under 4 whole windows, and where nothing moves.
     """
@@ -316,12 +318,12 @@ def recurring_jerk(jerk: Float[np.ndarray, " N"], window_advance: int) -> Recurr
 
 
 @dataclass(frozen=True)
-class SeamMeasures:
+class SeamMetrics:
     """Metrics of window seams, or of the detected period if the windows are unknown."""
 
     seam_jerk_ratio: float
-    jerk_by_window_phase_m_s3: Float[np.ndarray, " window_advance"]
-    """Mean jerk by phase (m/s³); empty without windows and period."""
+    jerk_by_frame_in_period_m_s3: Float[np.ndarray, " window_advance"]
+    """Mean jerk by frame of the window or period (m/s³); empty without both."""
     recurring_jerk: RecurringJerk
     fold_period_frames: int | None = None
     """Frames from one window, or period, to the next."""
@@ -331,19 +333,19 @@ class SeamMeasures:
 
 def seam_metrics(
     tracks: Tracks, windows: Windowing | None, period: JerkPeriod | None
-) -> SeamMeasures:
+) -> SeamMetrics:
     """Compute the metrics of seams on windows, or of a period, which may start anywhere."""
     if windows is not None:
         jerk = derivative_magnitudes(tracks.joints, 3).mean(axis=1)
-        return SeamMeasures(
+        return SeamMetrics(
             seam_jerk_ratio(jerk, windows.advance, windows.overlap),
-            mean_jerk_by_phase(jerk, windows.advance),
+            mean_jerk_by_frame_of_period(jerk, windows.advance),
             recurring_jerk(jerk, windows.advance),
             windows.advance,
             period,
         )
     unknown = RecurringJerk(None, 0, math.nan)
     if period is None:
-        return SeamMeasures(math.nan, np.empty(0), unknown)
-    folded = mean_jerk_by_phase(_part_jerk(tracks, period.part), period.frames)
-    return SeamMeasures(math.nan, folded, unknown, period.frames, period)
+        return SeamMetrics(math.nan, np.empty(0), unknown)
+    folded = mean_jerk_by_frame_of_period(_part_jerk(tracks, period.part), period.frames)
+    return SeamMetrics(math.nan, folded, unknown, period.frames, period)

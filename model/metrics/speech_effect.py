@@ -3,8 +3,8 @@
 Two motions of one system that share the speech but not the noise are similar because of the speech;
 two that share the noise but not the speech, because of the noise; two that share neither show the
 similarity of any two motions. Similarity is the correlation over time of a track: angular speed of
-the arms and the head, raise of the brows, opening of the jaw. The share of speech is the first less
-the third, that of noise the second less the third.
+the arms and the head, raise of the brows, opening of the jaw. The effect of the speech is the first
+less the third, that of the noise the second less the third.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.metrics.face import blendshape_columns, correlation, head_speed
+from model.metrics.face import blendshape_columns, correlation, head_angular_speed_rad_s
 from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 
@@ -34,7 +34,7 @@ Grid = Mapping[tuple[str, int], Motion]
 
 
 @dataclass(frozen=True)
-class CorrelationShares:
+class SharedInputCorrelations:
     """Mean correlations of one track over pairs of motions."""
 
     same_speech: float
@@ -48,21 +48,21 @@ class CorrelationShares:
 
     @property
     def lead(self) -> float:
-        """Share of speech less the share of noise."""
+        """Effect of the speech minus the effect of the noise."""
         return self.same_speech - self.same_noise
 
     @property
     def by_speech(self) -> float:
-        """Share of the correlation that is due to the speech."""
+        """Increase of the correlation if two motions share the speech."""
         return self.same_speech - self.neither
 
     @property
     def by_noise(self) -> float:
-        """Share of the correlation that is due to the noise."""
+        """Increase of the correlation if two motions share the noise."""
         return self.same_noise - self.neither
 
 
-def arm_speed(motion: Motion) -> Float[np.ndarray, " T1"]:
+def arm_angular_speed_deg_s(motion: Motion) -> Float[np.ndarray, " T1"]:
     """Compute the smoothed sum of the angular speeds of both shoulders and elbows (degrees/s)."""
     return _smooth(angular_speed_sum(motion, ARMS))
 
@@ -87,8 +87,8 @@ def _jaw(motion: Motion) -> Float[np.ndarray, " T"]:
 
 
 TRACK_FUNCTIONS: Mapping[str, Callable[[Motion], np.ndarray | None]] = {
-    "arms": arm_speed,
-    "head": lambda motion: _smooth(head_speed(motion)),
+    "arms": arm_angular_speed_deg_s,
+    "head": lambda motion: _smooth(head_angular_speed_rad_s(motion)),
     "brows": _brows,
     "jaw": _jaw,
 }
@@ -118,7 +118,7 @@ def arm_rotation_correlation_same_noise(motions: Grid) -> float:
     return float(np.mean(alike))
 
 
-def speech_and_noise_shares(motions: Grid) -> dict[str, CorrelationShares]:
+def speech_and_noise_shares(motions: Grid) -> dict[str, SharedInputCorrelations]:
     """Compute for each body part how far speech and noise determine the motion.
 
     Raises:
@@ -128,8 +128,8 @@ def speech_and_noise_shares(motions: Grid) -> dict[str, CorrelationShares]:
     speeches, seeds = (sorted({key[k] for key in motions}) for k in (0, 1))
     if len(speeches) < 2 or len(seeds) < 2 or len(motions) != len(speeches) * len(seeds):
         raise ValueError(
-            "At least two speeches and two noise seeds are needed, with one motion for each "
-            f"combination; there are {len(motions)} motions, {len(speeches)} speeches and "
+            "At least two speech recordings and two noise seeds are needed, with one motion for "
+            f"each combination; there are {len(motions)} motions, {len(speeches)} recordings and "
             f"{len(seeds)} seeds."
         )
     shortest = min(motion.num_frames for motion in motions.values())
@@ -149,7 +149,7 @@ def speech_and_noise_shares(motions: Grid) -> dict[str, CorrelationShares]:
 
 def _decided(
     tracks: Sequence[tuple[tuple[str, int], Float[np.ndarray, " _"]]],
-) -> CorrelationShares:
+) -> SharedInputCorrelations:
     by_sharing: dict[tuple[bool, bool], list[float]] = {}
     for ((speech, seed), one), ((speech_, seed_), other) in combinations(tracks, 2):
         by_sharing.setdefault((speech == speech_, seed == seed_), []).append(
@@ -158,7 +158,7 @@ def _decided(
     same_speech, same_noise = by_sharing[True, False], by_sharing[False, True]
     low, high = _difference_limits(same_speech, same_noise)
     neither = float(np.mean(by_sharing[False, False]))
-    return CorrelationShares(
+    return SharedInputCorrelations(
         float(np.mean(same_speech)), float(np.mean(same_noise)), neither, low, high
     )
 

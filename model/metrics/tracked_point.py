@@ -51,7 +51,6 @@ def attribute_jerk(
     """Compute the relative drop of the mean jerk of ``point`` for each joint of its chain.
 
     Args:
-        point: positions in metres.
         chain: joints with rotations that move the point, pelvis first (`tracks.kinematic_chain`).
     """
     whole = _mean_jerk(point)
@@ -107,8 +106,8 @@ class TrackedPointMetrics:
 
     tip_jerk_m_s3: float
     tip_acceleration_m_s2: float
-    tip_path_m_s: float
-    tip_velocity_power_above_5hz: float
+    tip_speed_m_s: float
+    tip_velocity_power_share_above_5hz: float
     tip_spectrum: VelocitySpectrum | None
     """Velocity spectrum as shares of its total power."""
     tip_sparc: float
@@ -133,8 +132,8 @@ def tracked_point_metrics(
     return TrackedPointMetrics(
         tip_jerk_m_s3=mean(3),
         tip_acceleration_m_s2=mean(2),
-        tip_path_m_s=mean(1),
-        tip_velocity_power_above_5hz=above_5hz,
+        tip_speed_m_s=mean(1),
+        tip_velocity_power_share_above_5hz=above_5hz,
         tip_spectrum=shares,
         tip_sparc=arc_length,
         tip_log_dimensionless_jerk=log_jerk,

@@ -22,11 +22,7 @@ _STEPS = 100
 
 
 def read_flame_matrix(path: Path) -> Float[np.ndarray, "51 103"]:
-    """Read BEAT2's ``mat_final.npy``.
-
-    Raises:
-        MotionError: if the file is not a matrix of that shape with finite numbers.
-    """
+    """Read BEAT2's ``mat_final.npy``; raises MotionError for a wrong shape or numbers."""
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise ValueError("too large")

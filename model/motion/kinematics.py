@@ -37,21 +37,16 @@ class RestSkeleton:
     rest_joints: Float[Tensor, "55 3"]
     """Joint positions (55, 3) in the world; the pelvis need not be at the origin."""
     tip_offsets: Float[Tensor, "10 3"]
-    """Offsets (10, 3) of fingertips from the last finger joints, in the order of
-    `FINGERTIP_NAMES`."""
-
-    def bone_offsets(self) -> Float[Tensor, "54 3"]:
-        """Return the offsets (54, 3) from each joint's parent to the joint, for joints 1 to 54."""
-        return self.rest_joints[1:] - self.rest_joints[list(PARENTS[1:])]
+    """Offsets (10, 3) of fingertips from the last finger joints, ordered as `FINGERTIP_NAMES`."""
 
     @cached_property
-    def bone_jacobian(self) -> Float[Tensor, "55 3 55"]:
+    def rotations_to_positions(self) -> Float[Tensor, "55 3 55"]:
         """Linear map (55, 3, 55) from columns of rotation matrices to joint positions.
 
-        Entry [k, :, j] is the sum of the bones that start in joint j between the pelvis and k.
+        Entry [j, :, k] is the sum of the bones that start in joint j between the pelvis and k.
         """
         with torch.inference_mode(False):
-            bones = self.bone_offsets()
+            bones = self.rest_joints[1:] - self.rest_joints[list(PARENTS[1:])]
             matrix = bones.new_zeros(NUM_JOINTS, 3, NUM_JOINTS)
             for joint in range(NUM_JOINTS):
                 for child in chain_to_root(joint)[:-1]:
@@ -140,12 +135,14 @@ def joint_positions_from_global(
     """
     # One large product: batches of 3 x 3 products are many times slower.
     rows = R_world_joint.transpose(-3, -2).flatten(-2)  # (*batch, 3, 165)
-    moved = rows @ skeleton.bone_jacobian.to(R_world_joint).flatten(0, 1)  # (*batch, 3, 55)
+    moved = rows @ skeleton.rotations_to_positions.to(R_world_joint).flatten(
+        0, 1
+    )  # (*batch, 3, 55)
     p_world_joint = moved.transpose(-1, -2) + skeleton.rest_joints.to(R_world_joint)[0]
     return p_world_joint if transl is None else p_world_joint + transl[..., None, :]
 
 
-def joint_positions_from_local(
+def forward_kinematics(
     R_parent_joint: Float[Tensor, "*batch 55 3 3"],
     skeleton: RestSkeleton,
     transl: Float[Tensor, "*batch 3"] | None = None,

@@ -119,23 +119,19 @@ def first_frames(motion: Motion, num_frames: int) -> Motion:
     return motion.part(slice(num_frames))
 
 
-def arkit_weights(motion: Motion) -> np.ndarray:
-    """Return the 52 face units (T, 52); zero where the clip has FLAME coefficients instead."""
+def arkit_weights_or_zeros(motion: Motion) -> Float32[np.ndarray, "T 52"]:
+    """Return the 52 face units; all zero for a motion with FLAME coefficients."""
     if motion.expression_basis == "arkit52":
         return motion.expressions[:, :NUM_FACE_UNITS].astype(np.float32)
     return np.zeros((motion.num_frames, NUM_FACE_UNITS), np.float32)
 
 
-def shift_by_lag(motion: Motion, lag_s: float) -> Motion:
-    """Shift a motion by its lag behind the speech; an early one repeats its first pose.
-
-    Raises:
-        ValueError: if the lag is as long as the motion.
-    """
+def remove_lag(motion: Motion, lag_s: float) -> Motion:
+    """Move a motion earlier by its lag, repeating the first pose if < 0; may raise ValueError."""
     shift = round(lag_s * FPS)
     if abs(shift) >= motion.num_frames:
         raise ValueError(
-            f"A lag of {lag_s:g} s is as long as the motion, which lasts {motion.duration_s:.1f} s."
+            f"The lag must be shorter than the motion ({motion.duration_s:.1f} s); got {lag_s:g} s."
         )
     return motion.part(np.maximum(np.arange(shift, motion.num_frames), 0))
 
@@ -145,9 +141,6 @@ def save_motion(motion: Motion, path: str | Path, **texts: str) -> None:
 
     Args:
         texts: additional keys, which readers ignore.
-
-    Raises:
-        WriteError: if the file cannot be written; the message says why.
     """
     further: dict[str, Any] = {key: np.array(text) for key, text in texts.items()}
     with written_atomically(path) as temporary, open(temporary, "wb") as file:
@@ -166,12 +159,7 @@ def save_motion(motion: Motion, path: str | Path, **texts: str) -> None:
 
 
 def load_motion(path: str | Path) -> Motion:
-    """Load a BEAT2 npz file; without ``expression_basis`` it is read as flame100.
-
-    Raises:
-        MotionError: if the file is missing, of another kind, or holds invalid values; the message
-            is one sentence that names the file.
-    """
+    """Load a BEAT2 npz, as flame100 without ``expression_basis``; raises MotionError."""
     name = Path(path).name
     with open_archive(Path(path)) as archive:
         headers = read_headers(archive, name)
@@ -196,7 +184,7 @@ def load_motion(path: str | Path) -> Motion:
             )
     fps = [f"{each:g}" for each in arrays.pop("mocap_frame_rate").flat[:2]]
     if fps != [f"{FPS}"]:
-        rates = f"{' and '.join(fps) or 'no'} frames per second"
+        rates = f"{' and '.join(fps) or 'an unknown number of'} frames per second"
         raise MotionError(f"{name} has {rates}; resample it to {FPS} first.")
     numbers = {key: np.ascontiguousarray(array, np.float32) for key, array in arrays.items()}
     try:
@@ -225,11 +213,7 @@ def _check(arrays: Mapping[str, Any]) -> None:
 
 
 def read_basis(archive: zipfile.ZipFile, headers: dict[str, Header], name: str) -> ExpressionBasis:
-    """Read the basis of a file's expressions; flame100 if the file does not name one.
-
-    Raises:
-        MotionError: for an unknown basis.
-    """
+    """Read a file's expression basis, by default flame100; raises MotionError if unknown."""
     if "expression_basis" not in headers:
         return "flame100"
     shape, dtype = headers["expression_basis"]
@@ -244,11 +228,7 @@ def read_basis(archive: zipfile.ZipFile, headers: dict[str, Header], name: str) 
 
 
 def check_num_frames(num_frames: int, name: str) -> None:
-    """Refuse a motion of more than an hour.
-
-    Raises:
-        MotionError: naming the limit.
-    """
+    """Refuse a motion of more than an hour; raises MotionError naming the limit."""
     if num_frames > MAX_FRAMES:
         raise MotionError(
             f"{name} has {num_frames} frames; at most {MAX_FRAMES} "

@@ -20,9 +20,9 @@ from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d, ro
 from model.motion.spaces import (
     AXIS_ANGLE_MOTION_DIM,
     ROOT_DIM,
-    Representation,
-    RootMotion,
+    RootFormat,
     RotationSpace,
+    VectorScaling,
 )
 
 ROTATION_DIM = NUM_JOINTS * 6
@@ -60,15 +60,15 @@ NORMALISATION_GROUPS, AXIS_ANGLE_GROUPS = _groups(6), _groups(3)
 def pack(
     rotations: Float[Tensor, "*batch T J d"],
     transl: Float[Tensor, "*batch T 3"],
-    kind: RootMotion = "velocity",
+    root_format: RootFormat = "velocity",
 ) -> Float[Tensor, "*batch T C"]:
     """Pack rotations and root positions into motion vectors.
 
     Args:
         rotations: values of each joint (row-6D, or axis-angle), in the network's rotation space.
-        transl: root position in metres, y up; with ``kind`` "place", relative to the body's home.
+        transl: root position in metres, y up; as "place", relative to the body's home.
     """
-    if kind == "place":
+    if root_format == "place":
         return join_channels(rotations, transl)
     velocity = torch.zeros_like(transl)
     if transl.shape[-2] > 1:
@@ -86,14 +86,14 @@ def join_channels(
 
 
 def root_positions(
-    root: Float[Tensor, "*batch T 3"], kind: RootMotion = "velocity"
+    root: Float[Tensor, "*batch T 3"], root_format: RootFormat = "velocity"
 ) -> Float[Tensor, "*batch T 3"]:
     """Compute root positions in metres from root channels.
 
     Args:
         root: (velocity x, height, velocity z), integrated from x = z = 0, or the position itself.
     """
-    if kind == "place":
+    if root_format == "place":
         return root
     steps = root[..., [0, 2]] / FPS
     # A frame's velocity is that of the step to it, so the first one is not integrated.
@@ -112,15 +112,13 @@ class Normaliser:
     mean: Float[Tensor, " C"]
     std: Float[Tensor, " C"]
     mix: Float[Tensor, "C C"] | None = None
+    """Matrix from channels to components; in the terms of ICA, the unmixing matrix."""
     unmix: Float[Tensor, "C C"] | None = None
+    """Matrix from components to channels."""
 
     @staticmethod
     def of_tensors(tensors: Mapping[str, Shaped[Tensor, " ..."]]) -> "Normaliser":
-        """Make the normaliser that was saved with trained weights.
-
-        Raises:
-            KeyError: if there is none among them.
-        """
+        """Make the normaliser saved with trained weights; raises KeyError if there is none."""
         mix, unmix = (tensors.get(f"normaliser.{name}") for name in ("mix", "unmix"))
         return Normaliser(tensors["normaliser.mean"], tensors["normaliser.std"], mix, unmix)
 
@@ -132,7 +130,7 @@ class Normaliser:
     @staticmethod
     def fit(
         vectors: Float[Tensor, "N C"],
-        representation: Representation = "normalised",
+        representation: VectorScaling = "normalised",
         groups: Sequence[Sequence[int]] | None = None,
     ) -> "Normaliser":
         """Fit the statistics of ``vectors``; a group's std is the root of its mean variance.
@@ -156,12 +154,12 @@ class Normaliser:
         mix, unmix = (None if m is None else m.to(device) for m in (self.mix, self.unmix))
         return Normaliser(self.mean.to(device), self.std.to(device), mix, unmix)
 
-    def scaled(self, vector: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
+    def standardise(self, vector: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
         """Scale channels to mean 0 and (by group) unit variance, without mixing."""
         return (vector - self.mean) / self.std
 
     def normalise(self, vector: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
-        scaled = self.scaled(vector)
+        scaled = self.standardise(vector)
         return scaled if self.mix is None else scaled @ self.mix
 
     def restore(self, vector: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
@@ -173,15 +171,15 @@ def poses_to_vectors(
     space: RotationSpace,
     poses: Float[Tensor, "B T 165"],
     transl: Float[Tensor, "B T 3"],
-    root: RootMotion = "velocity",
+    root_format: RootFormat = "velocity",
 ) -> Float[Tensor, "B T C"]:
     """Convert local axis-angle poses to motion vectors in a rotation space, not normalised."""
     if space == "axis-angle":
-        return pack(poses.unflatten(-1, (-1, 3)), transl, root)
+        return pack(poses.unflatten(-1, (-1, 3)), transl, root_format)
     rotmat = matrix_from_axis_angle(poses.unflatten(-1, (-1, 3)))
     if space == "global":
         rotmat = global_from_local(rotmat)
-    return pack(rot6d_from_matrix(rotmat), transl, root)
+    return pack(rot6d_from_matrix(rotmat), transl, root_format)
 
 
 @dataclass(frozen=True)
@@ -190,10 +188,10 @@ class DecodedMotion:
 
     R_world_joint: Float[Tensor, "B T 55 3 3"] | None
     """World rotations (B, T, 55, 3, 3); None if no loss term needs them."""
-    pelvis_aligned: Float[Tensor, "B T 55 3"]
+    untranslated_positions: Float[Tensor, "B T 55 3"]
     """Joint positions (B, T, 55, 3) in metres, with the pelvis at its place in the rest pose."""
-    root: Float[Tensor, "B T 3"]
-    """Trajectory (B, T, 3) of the pelvis in metres; from velocities it starts at x = z = 0."""
+    translation: Float[Tensor, "B T 3"]
+    """SMPL-X translation (B, T, 3) in metres; from velocities it starts at x = z = 0."""
     global_vectors: Float[Tensor, "B T 333"] | None
     """Motion vectors (B, T, 333) in the global space; None if no loss term needs them."""
 
@@ -205,7 +203,7 @@ class DecodedMotion:
     @property
     def positions(self) -> Float[Tensor, "B T 55 3"]:
         """Joint positions (B, T, 55, 3) in the world, metres."""
-        return self.pelvis_aligned + self.root[..., None, :]
+        return self.untranslated_positions + self.translation[..., None, :]
 
 
 def rotations(
@@ -221,15 +219,15 @@ def decode(
     vectors: Float[Tensor, "B T C"],
     space: RotationSpace,
     skeleton: RestSkeleton,
-    root: RootMotion = "velocity",
+    root_format: RootFormat = "velocity",
 ) -> DecodedMotion:
     """Decode motion vectors to rotations, and to positions by forward kinematics."""
     rotmat = rotations(vectors, space)
     R_world_joint = rotmat if space == "global" else global_from_local(rotmat)
     return DecodedMotion(
         R_world_joint=R_world_joint,
-        pelvis_aligned=joint_positions_from_global(R_world_joint, skeleton),
-        root=root_positions(vectors[..., -ROOT_DIM:], root),
+        untranslated_positions=joint_positions_from_global(R_world_joint, skeleton),
+        translation=root_positions(vectors[..., -ROOT_DIM:], root_format),
         global_vectors=torch.cat(
             [rot6d_from_matrix(R_world_joint).flatten(-2), vectors[..., -ROOT_DIM:]], dim=-1
         ),

@@ -16,7 +16,7 @@ from conventions.joints import (
     NUM_JOINTS,
     chain_to_root,
 )
-from model.motion.kinematics import RestSkeleton, fingertip_positions, joint_positions_from_local
+from model.motion.kinematics import RestSkeleton, fingertip_positions, forward_kinematics
 from model.motion.motion import Motion
 from model.motion.rotations import matrix_from_axis_angle
 
@@ -58,7 +58,7 @@ def track_points(motion: Motion, skeleton: RestSkeleton) -> Tracks:
         poses = torch.tensor(motion.poses[frames], dtype=torch.float64)
         transl = torch.tensor(motion.trans[frames], dtype=torch.float64)
         R_parent_joint = matrix_from_axis_angle(poses.unflatten(-1, (NUM_JOINTS, 3)))
-        R_world_joint, p_world_joint = joint_positions_from_local(R_parent_joint, skeleton, transl)
+        R_world_joint, p_world_joint = forward_kinematics(R_parent_joint, skeleton, transl)
         joints[frames] = p_world_joint.numpy()
         tips[frames] = fingertip_positions(R_world_joint, p_world_joint, skeleton).numpy()
         local[frames], world[frames] = R_parent_joint.numpy(), R_world_joint.numpy()
@@ -94,7 +94,10 @@ CHEST_AXIS_SIGNS: dict[Literal["left", "right"], tuple[float, float, float]] = {
 def wrist_positions_in_chest_frame(
     tracks: Tracks,
 ) -> dict[Literal["left", "right"], Float[np.ndarray, "T 3"]]:
-    """Compute wrist positions in the chest's frame (m): to the hand's side, up, forwards."""
+    """Compute wrist positions in the chest's frame (m): outwards, up, forwards.
+
+    x points to the hand's own side: it is mirrored for the right hand.
+    """
     chest = JOINT_INDEX["spine3"]
     R_world_chest = tracks.R_world_joint[:, chest].astype(np.float64)
     p_chest_wrists = {}

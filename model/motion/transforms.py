@@ -1,6 +1,7 @@
 """Changes to motions: noise, speed, exaggeration, and GlobalDiff's Savitzky-Golay filter."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -23,15 +24,19 @@ from model.motion.rotations import (
 )
 
 
-def add_rotation_noise(motion: Motion, noise_rad: float, seed: int = 0) -> tuple[Motion, Motion]:
-    """Return the motion with noise on its local and on its global rotations.
+class NoisyMotions(NamedTuple):
+    """A motion with the same noise on its local and on its global rotations."""
+
+    on_local: Motion
+    on_global: Motion
+
+
+def with_local_and_global_noise(motion: Motion, noise_rad: float, seed: int = 0) -> NoisyMotions:
+    """Return the motion with noise on its local, and with noise on its global rotations.
 
     The noise rotates each joint in every frame about its own axes, with independent components of
     standard deviation ``noise_rad``; both motions get the same noise (for its consequences see
-    `model.metrics.error_growth`).
-
-    Returns:
-        The motion with noise on local rotations, and the one with noise on global rotations.
+    `model.metrics.error_growth`). The face has none.
     """
     generator = torch.Generator().manual_seed(seed)
     R_parent_joint = motion.local_rotations().double()
@@ -41,7 +46,9 @@ def add_rotation_noise(motion: Motion, noise_rad: float, seed: int = 0) -> tuple
     on_global = local_from_global(global_from_local(R_parent_joint) @ noise)
     # The head's noise does not change the face's local rotations.
     on_global[:, list(FACE)] = R_parent_joint[:, list(FACE)]
-    return _with_rotations(motion, R_parent_joint @ noise), _with_rotations(motion, on_global)
+    return NoisyMotions(
+        _with_rotations(motion, R_parent_joint @ noise), _with_rotations(motion, on_global)
+    )
 
 
 def _with_rotations(motion: Motion, R_parent_joint: Float[torch.Tensor, "T J 3 3"]) -> Motion:
@@ -167,8 +174,5 @@ def smooth_motion(motion: Motion) -> Motion:
         return smooth_over_time(values).astype(np.float32)
 
     return replace(
-        motion,
-        poses=poses,
-        trans=filtered(motion.trans),
-        expressions=filtered(motion.expressions),
+        motion, poses=poses, trans=filtered(motion.trans), expressions=filtered(motion.expressions)
     )

@@ -21,7 +21,7 @@ from model.networks.config import AutoencoderConfig
 from model.networks.trained import TrainedWeights
 
 CPU = torch.device("cpu")
-Codes = tuple[Float[Tensor, "B _ dim"], Float[Tensor, "B _ dim"]]
+CodeDistribution = tuple[Float[Tensor, "B _ dim"], Float[Tensor, "B _ dim"]]
 """Mean and log-variance of the codes at one scale, each (B, tokens, dim)."""
 
 
@@ -78,7 +78,7 @@ class MotionAutoencoder(nn.Module):
         motion: Float[Tensor, "B T channels"],
         is_hidden: Bool[Tensor, "B T"] | None,
         noise: Sequence[Float[Tensor, "B _ dim"]] | None,
-    ) -> tuple[Float[Tensor, "B T channels"], list[Codes]]:
+    ) -> tuple[Float[Tensor, "B T channels"], list[CodeDistribution]]:
         """Restore motion from its codes (means without noise), and return both."""
         codes = self.encode(motion, is_hidden)
         drawn = [mean for mean, _ in codes]
@@ -90,10 +90,8 @@ class MotionAutoencoder(nn.Module):
         return self.decode(drawn), codes
 
     def encode(
-        self,
-        motion: Float[Tensor, "B T channels"],
-        is_hidden: Bool[Tensor, "B T"] | None = None,
-    ) -> list[Codes]:
+        self, motion: Float[Tensor, "B T channels"], is_hidden: Bool[Tensor, "B T"] | None = None
+    ) -> list[CodeDistribution]:
         """Encode motion at each scale, finest first; a learned vector replaces hidden frames.
 
         T must be a multiple of the largest scale.
@@ -125,7 +123,7 @@ class MotionAutoencoder(nn.Module):
         return self.motion_out(F.silu(x)).transpose(1, 2)
 
 
-def input_vectors(
+def autoencoder_input(
     config: AutoencoderConfig,
     poses: Float[Tensor, "B T 165"],
     transl: Float[Tensor, "B T 3"],
@@ -147,7 +145,7 @@ def input_vectors(
 
 
 @dataclass(frozen=True)
-class FrozenEncoder:
+class FrozenMotionEncoder:
     """Trained encoder with the statistics of its input; its weights are constant."""
 
     network: MotionAutoencoder
@@ -155,13 +153,13 @@ class FrozenEncoder:
     sha256: str
 
     def codes(self, vectors: Float[Tensor, "B T channels"]) -> list[Float[Tensor, "B _ dim"]]:
-        """Compute the mean codes of `input_vectors` at each scale, with their gradients."""
+        """Compute the mean codes of `autoencoder_input` at each scale, with their gradients."""
         return [mean for mean, _ in self.network.encode(self.normaliser.normalise(vectors))]
 
 
-def load_encoder(folder: Path, name: str, device: torch.device = CPU) -> FrozenEncoder:
+def load_motion_encoder(folder: Path, name: str, device: torch.device = CPU) -> FrozenMotionEncoder:
     """Load ``motion-vae`` or the encoder of a Fréchet distance."""
     trained = TrainedWeights.read(folder, name)
     shape = trained.card.config(AutoencoderConfig, "autoencoder")
     network = trained.load_into(MotionAutoencoder(shape)).to(device)
-    return FrozenEncoder(network, trained.normaliser.to(device), trained.sha256)
+    return FrozenMotionEncoder(network, trained.normaliser.to(device), trained.sha256)

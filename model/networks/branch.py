@@ -188,12 +188,7 @@ class MotionBranch(nn.Module):
     """
 
     def __init__(
-        self,
-        config: BranchConfig,
-        *,
-        inputs: int,
-        body_inputs: int,
-        channels: int,
+        self, config: BranchConfig, *, inputs: int, body_inputs: int, channels: int
     ) -> None:
         super().__init__()
         width = config.width
@@ -259,27 +254,24 @@ class ConditionedNetwork(nn.Module):
 
 
 def mask_expression(
-    condition: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]
+    expression: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]
 ) -> Float[Tensor, "B T E"]:
     """Return the expressions that condition the body: zero without speech, which they reveal."""
-    return torch.where(has_speech[:, None, None], condition, torch.zeros_like(condition))
+    return torch.where(has_speech[:, None, None], expression, torch.zeros_like(expression))
 
 
-class PriorNetwork(ConditionedNetwork):
-    """Network that predicts x_1 (motion or face) from x_t, time, speech, seed and speaker.
+class PriorResidualNetwork(ConditionedNetwork):
+    """Network that predicts x_1 as its prior's posterior mean plus a learned residual.
+
+    Its inputs are x_t (motion or face), time, speech, seed and speaker; the prior is fitted, not
+    trained.
 
     Args:
-        channels: number of components.
         expression_dim: size of the face that conditions the body; 0 for a network of the face.
     """
 
     def __init__(
-        self,
-        config: BranchConfig,
-        prior: GaussianPrior,
-        *,
-        channels: int,
-        expression_dim: int,
+        self, config: BranchConfig, prior: GaussianPrior, *, channels: int, expression_dim: int
     ) -> None:
         super().__init__(config)
         self.config = config

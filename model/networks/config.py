@@ -66,4 +66,4 @@ class MatchingConfig:
     dilations: tuple[int, ...] = (1, 2, 4, 8)
     """Dilation of each block of a tower, in vectors of its track (15 per second)."""
     track_dim: int = 16
-    """Size of a track's vectors."""
+    """Dimension of the vectors over time (tracks) that both towers return."""

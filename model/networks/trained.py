@@ -24,11 +24,7 @@ class TrainedWeights:
 
     @staticmethod
     def read(folder: Path, name: str) -> "TrainedWeights":
-        """Read the weights of that name.
-
-        Raises:
-            CheckpointError: if files are missing or damaged.
-        """
+        """Read the weights of that name; raises CheckpointError if files are missing or damaged."""
         return TrainedWeights(name, *load_weights(folder, name))
 
     @property

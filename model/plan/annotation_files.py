@@ -58,11 +58,7 @@ class NamedTier:
 
 
 def decode_text(data: bytes, name: str, error: type[ValueError]) -> tuple[str, tuple[str, ...]]:
-    """Decode UTF-8, UTF-16 with a byte order mark, or Latin-1 (Windows-1252), as Praat writes them.
-
-    Returns:
-        The text, and a note if it was read as Latin-1, which no file can prove to be right.
-    """
+    """Decode UTF-8, UTF-16 with byte order mark, or Latin-1 (Windows-1252) with a note."""
     is_utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     with suppress(UnicodeDecodeError):
         return data.decode("utf-16" if is_utf16 else "utf-8-sig"), ()
@@ -143,21 +139,25 @@ def parse_textgrid(text: str, name: str, error: type[ValueError]) -> tuple[list[
 
 
 def format_textgrid(
-    tiers: Sequence[NamedTier], duration_s: float, end_s: float | None = None
+    tiers: Sequence[NamedTier], duration_s: float, tier_end_s: float | None = None
 ) -> str:
-    """Format tiers in Praat's long text format, with empty intervals in gaps up to ``end_s``."""
-    end_s = end_s or duration_s
+    """Format tiers in Praat's long text format, filling gaps with empty intervals.
+
+    Args:
+        tier_end_s: xmax of the tiers, which may end later; by default ``duration_s``.
+    """
+    tier_end_s = tier_end_s or duration_s
     lines = [
         'File type = "ooTextFile"', 'Object class = "TextGrid"', "", "xmin = 0",
         f"xmax = {duration_s:.4f}", "tiers? <exists>", f"size = {len(tiers)}", "item []:",
     ]  # fmt: skip
     for number, tier in enumerate(tiers, 1):
         kind, what = ("TextTier", "points") if tier.has_points else ("IntervalTier", "intervals")
-        rows = tier.rows if tier.has_points else _fill_gaps(tier.rows, end_s)
+        rows = tier.rows if tier.has_points else _fill_gaps(tier.rows, tier_end_s)
         lines += [
             f"    item [{number}]:", f"        class = {_quoted(kind)}",
             f"        name = {_quoted(tier.name)}", "        xmin = 0",
-            f"        xmax = {end_s:.4f}",
+            f"        xmax = {tier_end_s:.4f}",
             f"        {what}: size = {len(rows)}",
         ]  # fmt: skip
         for k, row in enumerate(rows, 1):
@@ -360,11 +360,11 @@ def _parsed(data: bytes, name: str) -> ET.Element:
     if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data.replace(b"\0", b""), re.IGNORECASE):
         raise PlanError(f"{name} defines a document type, which ELAN files do not have.")
     if data.count(b"<") > 2 * MAX_ELEMENTS:  # before any of them takes time
-        raise PlanError(f"{name} has more than {MAX_ELEMENTS:,} elements, the limit.")
+        raise PlanError(f"{name} exceeds the limit of {MAX_ELEMENTS:,} elements.")
     if (
         max(map(len, data.split(b"<"))) > MAX_TAG_BYTES
     ):  # of attributes each costs more than all before
-        raise PlanError(f"{name} has a label or tag of over {MAX_TAG_BYTES:,} bytes, the limit.")
+        raise PlanError(f"{name} has a label or tag above the limit of {MAX_TAG_BYTES:,} bytes.")
     depth = count = 0
     try:
         events = ET.iterparse(io.BytesIO(data), ("start", "end"))
@@ -372,7 +372,7 @@ def _parsed(data: bytes, name: str) -> ET.Element:
             depth, count = (depth + 1, count + 1) if event == "start" else (depth - 1, count)
             if depth > MAX_DEPTH or count > MAX_ELEMENTS:
                 raise PlanError(
-                    f"{name} has more than {MAX_ELEMENTS:,} elements, or over {MAX_DEPTH} levels."
+                    f"{name} exceeds the limit of {MAX_ELEMENTS:,} elements or {MAX_DEPTH} levels."
                 )
         return events.root  # pyright: ignore[reportAttributeAccessIssue]
     except PlanError:
@@ -402,7 +402,7 @@ def _slots(root: ET.Element, file: str) -> dict[str, float]:
         if not value.isascii() or not value.isdigit() or len(value) > 9:
             raise PlanError(f"{file}: the time {value[:20]!r} is not a number of milliseconds.")
         if int(value) > MAX_HOURS * 3_600_000:
-            raise PlanError(f"{file} is longer than {MAX_HOURS} hours, the limit.")
+            raise PlanError(f"{file} is longer than the limit of {MAX_HOURS} hours.")
         slots.append(k)
         times.append(int(value) / 1000)
     if not slots:

@@ -232,9 +232,7 @@ def _detect_gaze(tracks: Tracks) -> Iterator[Gaze]:
         yield Gaze(first / FPS, end / FPS, to_left, down)
 
 
-def _face(
-    motion: Motion,
-) -> tuple[tuple[Brow, ...], tuple[Smile, ...], tuple[Blink, ...]]:
+def _face(motion: Motion) -> tuple[tuple[Brow, ...], tuple[Smile, ...], tuple[Blink, ...]]:
     if motion.expression_basis != "arkit52":
         return (), (), ()
     names = blendshape_names()

@@ -23,12 +23,12 @@ from model.plan.kinds import (
     STROKE_END_IN_WORD,
     STROKE_S,
     TWO_HANDED_KINDS,
-    USUAL_STROKE_ENDS,
-    GestureSpan,
+    USUAL_STROKE_GOALS,
+    GesturePhases,
     Position,
-    gesture_spans,
+    group_gesture_phases,
     preparation_goal,
-    usual_stroke_end,
+    usual_stroke_goal,
 )
 from model.plan.plan import (
     SIDES,
@@ -41,10 +41,10 @@ from model.plan.plan import (
     Phase,
     PlanError,
     PlanResult,
-    Point,
+    PointEvent,
     Side,
     Smile,
-    Span,
+    SpanEvent,
     Stance,
     fill_gaps,
 )
@@ -67,7 +67,7 @@ Hands = Literal["left", "right", "both"]
 
 
 @dataclass(frozen=True)
-class Gesture:
+class GestureKey:
     """Identity of a gesture: its hand and the end of its last stroke."""
 
     side: Side
@@ -77,7 +77,7 @@ class Gesture:
 class NoRoomError(PlanError):
     """No time for a gesture, because the hand makes another one there."""
 
-    def __init__(self, sentence: str, kind: str, gesture: Gesture | None) -> None:
+    def __init__(self, sentence: str, kind: str, gesture: GestureKey | None) -> None:
         super().__init__(sentence)
         self.kind = kind
         self.gesture = gesture
@@ -88,24 +88,22 @@ def _phases(plan: GesturePlan, side: Side) -> list[HandPhase]:
     return list(fill_gaps(plan.hand(side), plan.duration_s))
 
 
-def gestures(plan: GesturePlan, side: Side) -> tuple[Gesture, ...]:
+def gestures(plan: GesturePlan, side: Side) -> tuple[GestureKey, ...]:
     """Return the gestures of a hand in order of time."""
-    return tuple(Gesture(side, s.last_stroke.end_s) for s in gesture_spans(plan) if s.side == side)
+    return tuple(
+        GestureKey(side, s.last_stroke.end_s) for s in group_gesture_phases(plan) if s.side == side
+    )
 
 
-def stroke_time_on_word(word: Interval) -> float:
+def default_stroke_end_on_word(word: Interval) -> float:
     """Return the default time of the end of a stroke on a word."""
     return word.start_s + STROKE_END_IN_WORD * (word.end_s - word.start_s)
 
 
 def move_gesture(
-    plan: GesturePlan, gesture: Gesture, stroke_end_s: float, word: str | None = None
+    plan: GesturePlan, gesture: GestureKey, stroke_end_s: float, word: str | None = None
 ) -> PlanResult:
-    """Move a gesture in time, so that its last stroke ends at ``stroke_end_s``.
-
-    Args:
-        word: the new word of its strokes; None leaves the old one.
-    """
+    """Move a gesture so that its last stroke ends at ``stroke_end_s``, on ``word`` if given."""
     phases, block = _taken_out(plan, gesture)
     if word is not None:
         block = [replace(one, word=word if one.phase == "stroke" else "") for one in block]
@@ -114,7 +112,7 @@ def move_gesture(
     return _laid(plan, gesture.side, phases, block)
 
 
-def delete_gesture(plan: GesturePlan, gesture: Gesture) -> PlanResult:
+def delete_gesture(plan: GesturePlan, gesture: GestureKey) -> PlanResult:
     """Delete a gesture; the hand stays as it was before it."""
     phases, _ = _taken_out(plan, gesture)
     return PlanResult(plan.with_hand(gesture.side, tuple(phases)))
@@ -128,12 +126,12 @@ def add_gesture(
     Args:
         hands: None is both for kinds that both hands make, or else the right.
     """
-    if kind not in USUAL_STROKE_ENDS:
+    if kind not in USUAL_STROKE_GOALS:
         raise PlanError(
-            f"There is no gesture {kind[:40]!r}; choose one of {', '.join(USUAL_STROKE_ENDS)}."
+            f"There is no gesture {kind[:40]!r}; choose one of {', '.join(USUAL_STROKE_GOALS)}."
         )
     hands = hands or ("both" if kind in TWO_HANDED_KINDS else "right")
-    goal = usual_stroke_end(kind)
+    goal = usual_stroke_goal(kind)
     strikes_s = stroke_end_s - STROKE_S
     block = [
         HandPhase(
@@ -145,7 +143,7 @@ def add_gesture(
     return _on_hands(plan, _sides(hands), block)
 
 
-def change_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> PlanResult:
+def change_hands(plan: GesturePlan, gesture: GestureKey, hands: Hands) -> PlanResult:
     """Transfer a gesture to other hands, and delete it from its present ones."""
     phases, block = _taken_out(plan, gesture)
     plan = plan.with_hand(gesture.side, tuple(phases))
@@ -155,7 +153,7 @@ def change_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> PlanResul
     return _on_hands(plan, _sides(hands), block)
 
 
-def set_hold(plan: GesturePlan, gesture: Gesture, hold_s: float) -> PlanResult:
+def set_hold(plan: GesturePlan, gesture: GestureKey, hold_s: float) -> PlanResult:
     """Set the length of the hold at the end of a gesture; 0 removes it."""
     if not 0 <= hold_s < math.inf:
         raise PlanError(f"The hold must last 0 s or longer; got {hold_s:g} s.")
@@ -169,12 +167,12 @@ def set_hold(plan: GesturePlan, gesture: Gesture, hold_s: float) -> PlanResult:
     edited = _laid(plan, gesture.side, phases, block)
     now = next(p for p in edited.plan.hand(gesture.side) if p.end_s >= end_s + _TINY_S)
     if now.phase == "hold" and hold_s > 0 and now.end_s < end_s + hold_s - _TINY_S:
-        note = f"The hold ends at {now.end_s:.2f} s, where the next gesture begins."
+        note = f"The hold was cut at {now.end_s:.2f} s, where the next gesture begins."
         return replace(edited, notes=(*edited.notes, note))
     return edited
 
 
-def scale_gesture(plan: GesturePlan, gesture: Gesture, size: float) -> PlanResult:
+def scale_gesture(plan: GesturePlan, gesture: GestureKey, size: float) -> PlanResult:
     """Scale a gesture's goals about the rest position by a factor."""
     if not 0.1 <= size <= 4:
         raise PlanError(f"The size factor must be from 0.1 to 4; got {size:g}.")
@@ -186,14 +184,14 @@ def scale_gesture(plan: GesturePlan, gesture: Gesture, size: float) -> PlanResul
     return _with_goals(plan, gesture, grown)
 
 
-def raise_gesture(plan: GesturePlan, gesture: Gesture, by_m: float) -> PlanResult:
+def raise_gesture(plan: GesturePlan, gesture: GestureKey, by_m: float) -> PlanResult:
     """Raise or lower a gesture by metres."""
     if not abs(by_m) <= 1:
         raise PlanError(f"The change in height must be at most 1 m up or down; got {by_m:g} m.")
     return _with_goals(plan, gesture, lambda goal: (goal[0], goal[1] + by_m, goal[2]))
 
 
-def scale_gesture_speed(plan: GesturePlan, gesture: Gesture, speed: float) -> PlanResult:
+def scale_gesture_speed(plan: GesturePlan, gesture: GestureKey, speed: float) -> PlanResult:
     """Change the speed of preparation and strokes by a factor; holds and strokes' end stay."""
     if not 0.2 <= speed <= 5:
         raise PlanError(f"The speed factor must be from 0.2 to 5; got {speed:g}.")
@@ -212,16 +210,18 @@ def scale_gesture_speed(plan: GesturePlan, gesture: Gesture, speed: float) -> Pl
     return replace(edited, notes=(*notes, *edited.notes))
 
 
-def move_phase_end(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> PlanResult:
-    """Move the end of a hand's phase from ``end_s`` to ``at_s``, or as near to that as possible.
+def move_phase_end(
+    plan: GesturePlan, side: Side, phase_end_s: float, new_end_s: float
+) -> PlanResult:
+    """Move the end of a hand's phase from ``phase_end_s`` to ``new_end_s``, or near it.
 
     A hold without time left to retract lasts until the next gesture. If a gesture now ends early
     enough for the hand to go to rest before the next one, it does.
     """
     phases = _phases(plan, side)
-    k = _ending_at(phases, end_s)
+    k = _ending_at(phases, phase_end_s)
     if k is None:
-        raise PlanError(f"No phase of the {side} hand ends at {end_s:.2f} s.")
+        raise PlanError(f"No phase of the {side} hand ends at {phase_end_s:.2f} s.")
     if k == len(phases) - 1:
         raise PlanError(
             f"The {side} hand's last phase, a {phases[k].phase}, ends with the speech; its end "
@@ -229,17 +229,17 @@ def move_phase_end(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> 
         )
     one, then = phases[k], phases[k + 1]
     if then.phase == "retraction":
-        changed, why = _before_way_back(phases, k, at_s, plan.duration_s)
+        changed, why = _before_way_back(phases, k, new_end_s, plan.duration_s)
     elif (
         then.phase == "preparation"
         and one.phase in ("stroke", "hold", "beat")
-        and then.start_s - max(at_s, one.start_s + _least(one)) >= MIN_RETRACTION_S
+        and then.start_s - max(new_end_s, one.start_s + _least(one)) >= MIN_RETRACTION_S
     ):
-        to_s, why = _no_earlier(one, at_s)
+        to_s, why = _no_earlier(one, new_end_s)
         back = _back_to_rest(phases, to_s, then.start_s)
         changed = [*phases[:k], replace(one, end_s=to_s), *back, *phases[k + 1 :]]
     else:
-        to_s, why = _no_earlier(one, at_s)
+        to_s, why = _no_earlier(one, new_end_s)
         latest_s = then.end_s - _least(then)
         if to_s > latest_s:
             to_s, why = latest_s, _needs(one, then, latest_s)
@@ -261,7 +261,7 @@ def other_hand_phase_end(plan: GesturePlan, side: Side, end_s: float) -> float |
         return None
     near = [
         phase.end_s
-        for phase in filled.hand(partner.side)[theirs.first_phase : theirs.last_phase + 1]
+        for phase in filled.hand(partner.side)[theirs.first_index : theirs.last_index + 1]
         if phase.phase == filled.hand(side)[k].phase
         and abs(phase.end_s - end_s) < BIMANUAL_TOLERANCE_S
     ]
@@ -326,7 +326,7 @@ _LISTS: dict[type, str] = {
 }  # fmt: skip
 
 
-def with_event(plan: GesturePlan, event: Span | Point) -> PlanResult:
+def add_event(plan: GesturePlan, event: SpanEvent | PointEvent) -> PlanResult:
     """Add a nod, gaze, brow, smile, blink or stance; a span replaces what it overlaps."""
     name, start_s, end_s = _LISTS[type(event)], event.start_s, event.end_s
     if not 0 <= start_s <= end_s <= plan.duration_s:
@@ -335,7 +335,7 @@ def with_event(plan: GesturePlan, event: Span | Point) -> PlanResult:
             f"{end_s:g} s."
         )
     events = getattr(plan, name)
-    if isinstance(event, Span):
+    if isinstance(event, SpanEvent):
         events = [
             replace(one, start_s=from_s, end_s=to_s)
             for one in events
@@ -353,24 +353,24 @@ def _sides(hands: Hands) -> tuple[Side, ...]:
     return SIDES if hands == "both" else (hands,)
 
 
-def _find_stroke(plan: GesturePlan, gesture: Gesture) -> GestureSpan | None:
+def _find_stroke(plan: GesturePlan, gesture: GestureKey) -> GesturePhases | None:
     """Return the plan's stroke of a gesture, within a hundredth of a second."""
-    own = (stroke for stroke in gesture_spans(plan) if stroke.side == gesture.side)
+    own = (stroke for stroke in group_gesture_phases(plan) if stroke.side == gesture.side)
     off = {abs(stroke.last_stroke.end_s - gesture.stroke_end_s): stroke for stroke in own}
     return off[min(off)] if off and min(off) < TIME_TOLERANCE_S else None
 
 
-def _gesture_with(plan: GesturePlan, side: Side, phase: HandPhase) -> Gesture | None:
-    for stroke in gesture_spans(plan):
+def _gesture_with(plan: GesturePlan, side: Side, phase: HandPhase) -> GestureKey | None:
+    for stroke in group_gesture_phases(plan):
         if (
             stroke.side == side
-            and phase in plan.hand(side)[stroke.first_phase : stroke.last_phase + 1]
+            and phase in plan.hand(side)[stroke.first_index : stroke.last_index + 1]
         ):
-            return Gesture(side, stroke.last_stroke.end_s)
+            return GestureKey(side, stroke.last_stroke.end_s)
     return None
 
 
-def other_hand_gesture(plan: GesturePlan, gesture: Gesture) -> Gesture | None:
+def other_hand_gesture(plan: GesturePlan, gesture: GestureKey) -> GestureKey | None:
     """Return the other hand's gesture with a stroke that ends at the same time."""
     other = SIDES[1 - SIDES.index(gesture.side)]
     near = [
@@ -381,7 +381,7 @@ def other_hand_gesture(plan: GesturePlan, gesture: Gesture) -> Gesture | None:
     return near[0] if near else None
 
 
-def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], list[HandPhase]]:
+def _taken_out(plan: GesturePlan, gesture: GestureKey) -> tuple[list[HandPhase], list[HandPhase]]:
     """Return the hand's phases without a gesture, and the gesture's phases."""
     phases = _phases(plan, gesture.side)
     stroke = _find_stroke(plan.with_hand(gesture.side, tuple(phases)), gesture)
@@ -390,9 +390,9 @@ def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], li
             f"The {gesture.side} hand has no gesture whose stroke ends at "
             f"{gesture.stroke_end_s:.2f} s."
         )
-    block = phases[stroke.first_phase : stroke.last_phase + 1]
-    before = phases[stroke.first_phase - 1] if stroke.first_phase > 0 else None
-    after = stroke.last_phase + 1
+    block = phases[stroke.first_index : stroke.last_index + 1]
+    before = phases[stroke.first_index - 1] if stroke.first_index > 0 else None
+    after = stroke.last_index + 1
     if before is None or before.phase in ("rest", "retraction"):
         if after < len(phases) and phases[after].phase == "retraction":
             after += 1
@@ -401,7 +401,7 @@ def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], li
     else:
         start_s, end_s = block[0].start_s, block[-1].end_s
         still = HandPhase(start_s, end_s, "hold", before.goal, before.kind)
-    return _merged([*phases[: stroke.first_phase], still, *phases[after:]]), block
+    return _merged([*phases[: stroke.first_index], still, *phases[after:]]), block
 
 
 def _rest_goal(phases: Sequence[HandPhase]) -> Position:
@@ -430,10 +430,7 @@ def _on_hands(plan: GesturePlan, sides: Sequence[Side], block: Sequence[HandPhas
 
 
 def _laid(
-    plan: GesturePlan,
-    side: Side,
-    phases: Sequence[HandPhase],
-    block: Sequence[HandPhase],
+    plan: GesturePlan, side: Side, phases: Sequence[HandPhase], block: Sequence[HandPhase]
 ) -> PlanResult:
     """Insert a gesture into a hand's phases, in place of rests, holds and retractions only."""
     notes: list[str] = []
@@ -470,7 +467,7 @@ def _laid(
         ready_s = max(free_s, min(ready.start_s, strikes_s - MIN_PHASE_S["preparation"]))
         body.insert(0, replace(ready, start_s=ready_s, end_s=strikes_s))
     until_s = min((one.start_s for one in moving if one.start_s >= busy_s - _TINY_S), default=None)
-    body, mended = clamp_to_reach(body)
+    body, mended = clamp_goals(body)
     later = [] if until_s is None else [one for one in phases if one.start_s >= until_s - _TINY_S]
     ending = _ending(phases, body, plan.duration_s if until_s is None else until_s)
     new = _merged([*_until(phases, body[0].start_s), *ending, *later])
@@ -539,14 +536,14 @@ def _back_to_rest(
 
 
 def _with_goals(
-    plan: GesturePlan, gesture: Gesture, new: Callable[[Position], Position]
+    plan: GesturePlan, gesture: GestureKey, new: Callable[[Position], Position]
 ) -> PlanResult:
     phases, block = _taken_out(plan, gesture)
     changed = [replace(one, goal=new(one.goal)) for one in block]
     return _laid(plan, gesture.side, phases, changed)
 
 
-def clamp_to_reach(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[str, ...]]:
+def clamp_goals(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[str, ...]]:
     """Move goals into the arm's reach and out of the body, with notes."""
     clamped, notes = [], []
     for one in block:

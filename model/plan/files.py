@@ -18,20 +18,16 @@ from model.plan.annotation_files import (
 from model.plan.plan import FORMAT, SIDES, GesturePlan, PlanError, PlanResult
 from model.plan.tiers import GOAL_TIER, PHASE_TIER, plan_to_tiers, tiers_to_plan
 from model.storage.escaping import csv_text
-from model.storage.files import read_capped, write_atomically
-from model.storage.json_validation import FieldError, parse_json
+from model.storage.files import read_within_limit, write_atomically
+from model.storage.json_validation import InvalidJsonError, parse_json
 
 ENDINGS = (".json", ".TextGrid", ".eaf")
 MAX_BYTES = 16 * 2**20
 
 
 def read_plan_file(path: Path) -> PlanResult:
-    """Read a plan with notes on how it was read.
-
-    Raises:
-        PlanError: if the file is missing, too large, or holds no plan; one sentence.
-    """
-    return parse_plan(read_capped(path, MAX_BYTES, PlanError), path.name)
+    """Read a plan with notes on its reading; raises PlanError if missing, too large or no plan."""
+    return parse_plan(read_within_limit(path, MAX_BYTES, PlanError), path.name)
 
 
 def parse_plan(data: bytes, file: str) -> PlanResult:
@@ -58,17 +54,13 @@ def _of_json(data: bytes, file: str) -> GesturePlan:
     text = json.dumps(content, ensure_ascii=False).encode("utf-8", "replace")
     try:
         return parse_json(text, GesturePlan)
-    except FieldError as error:
+    except InvalidJsonError as error:
         raise PlanError(f"{file} cannot be used: {error}.") from None
 
 
-def read_annotated_plan(path: Path) -> GesturePlan:
-    """Read the plan in a TextGrid of the corpus, with phases and goals of both hands.
-
-    Raises:
-        PlanError: if it lacks the gestures of a hand or their goals.
-    """
-    tiers, duration_s, _ = _grid_tiers(read_capped(path, MAX_BYTES, PlanError), path.name)
+def read_corpus_plan(path: Path) -> GesturePlan:
+    """Read phases and goals of both hands from the corpus's TextGrid; raises PlanError."""
+    tiers, duration_s, _ = _grid_tiers(read_within_limit(path, MAX_BYTES, PlanError), path.name)
     there = {tier.name for tier in tiers}
     for name in (f"{what}_{side}" for side in SIDES for what in (PHASE_TIER, GOAL_TIER)):
         if name not in there:
@@ -100,11 +92,7 @@ def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float, tuple[s
 
 
 def check_plan_suffix(path: Path) -> None:
-    """Check that a file's suffix is one of a plan.
-
-    Raises:
-        PlanError: if it is not.
-    """
+    """Check that a file's suffix is one of a plan; raises PlanError if it is not."""
     if path.suffix.lower() not in {ending.lower() for ending in ENDINGS}:
         raise PlanError(
             f"{path.name} ends in {path.suffix or 'nothing'!r}; a plan file must end in "

@@ -1,6 +1,6 @@
 """Kinds of gestures: their usual hand positions, and the choice of a kind for a stroke.
 
-A user chooses from the palette (`USUAL_STROKE_ENDS`). For a generated plan, a network decides when
+A user chooses from the palette (`USUAL_STROKE_GOALS`). For a generated plan, a network decides when
 and where hands move; the kind is then drawn from statistics of annotated plans (`KindTable`): how
 often each speaker makes it, where its strokes end, whether both hands make it, and which words
 trigger it. A kind determines the shape and orientation of the hand.
@@ -30,7 +30,7 @@ REST_POSITION: Position = (0.25, -0.26, 0.25)
 """Usual rest position of a wrist: before the body."""
 PREPARATION_OFFSET: Position = (-0.066, 0.005, -0.049)
 """Offset of the preparation's goal from the stroke's: nearer to the body."""
-USUAL_STROKE_ENDS: Mapping[str, Position] = MappingProxyType({
+USUAL_STROKE_GOALS: Mapping[str, Position] = MappingProxyType({
     "all": (0.33, -0.08, 0.28), "arc": (0.33, -0.13, 0.30), "back": (0.30, 0.12, 0.20),
     "beat": (0.23, -0.20, 0.35), "big": (0.32, 0.00, 0.28), "brush": (0.26, -0.15, 0.32),
     "carry": (0.19, -0.09, 0.33), "chop": (0.19, -0.10, 0.36), "cup_both": (0.11, -0.13, 0.32),
@@ -58,9 +58,9 @@ TWO_HANDED_KINDS = frozenset({
 """Kinds that both hands make together."""
 
 
-def usual_stroke_end(kind: str) -> Position:
+def usual_stroke_goal(kind: str) -> Position:
     """Return the usual stroke end of a kind; a default for an unknown kind."""
-    return USUAL_STROKE_ENDS.get(kind, USUAL_STROKE_ENDS["offer"])
+    return USUAL_STROKE_GOALS.get(kind, USUAL_STROKE_GOALS["offer"])
 
 
 def preparation_goal(goal: Position) -> Position:
@@ -69,17 +69,13 @@ def preparation_goal(goal: Position) -> Position:
 
 
 def default_goal(phase: str, kind: str, before: Position) -> Position:
-    """Return the default goal of a phase.
-
-    Args:
-        before: the goal of the phase before it.
-    """
+    """Return the default goal of a phase, given the goal of the phase before it."""
     if phase in ("rest", "retraction"):
         return REST_POSITION
     if phase == "preparation":
-        return preparation_goal(usual_stroke_end(kind))
+        return preparation_goal(usual_stroke_goal(kind))
     if phase == "stroke":
-        return usual_stroke_end(kind)
+        return usual_stroke_goal(kind)
     if phase == "beat":
         return _moved(before, (0.0, -0.05, 0.01))
     return before
@@ -113,13 +109,13 @@ _PRIOR_STROKES = 20
 
 
 @dataclass(frozen=True)
-class GestureSpan:
+class GesturePhases:
     """A gesture of one hand: preparation, pre-stroke hold, strokes, holds and beats after them."""
 
     side: Side
-    first_phase: int
+    first_index: int
     """Index of its first phase among the hand's."""
-    last_phase: int
+    last_index: int
     """Index of its last phase."""
     last_stroke: HandPhase
     is_bimanual: bool = False
@@ -148,11 +144,7 @@ class KindTable:
         num_speakers: int,
         word_counts: Mapping[str, int] = MappingProxyType({}),
     ) -> KindTable:
-        """Fit the statistics to annotated plans, each with its speaker's number.
-
-        Args:
-            word_counts: number of occurrences of each word in all plans.
-        """
+        """Fit to annotated plans with their speakers' numbers, and counts of words in all plans."""
         counts: defaultdict[int, Counter[str]] = defaultdict(Counter)
         goals: defaultdict[str, list[Position]] = defaultdict(list)
         both: Counter[str] = Counter()
@@ -162,7 +154,7 @@ class KindTable:
         kinds: set[str] = {FOLLOW_BEATS}
         for plan, speaker in plans:
             kinds |= {phase.kind for side in SIDES for phase in plan.hand(side)}
-            for stroke in gesture_spans(plan):
+            for stroke in group_gesture_phases(plan):
                 kind, word = stroke.last_stroke.kind, stroke.last_stroke.word
                 counts[speaker][kind] += 1
                 goals[kind].append(stroke.last_stroke.goal)
@@ -195,7 +187,7 @@ class KindTable:
             },
         )
 
-    def index_of(self, kind: str) -> int:
+    def number_of(self, kind: str) -> int:
         """Return the number of a kind, from 1; 0 for none or an unknown one."""
         return self.names.index(kind) + 1 if kind in self.names else 0
 
@@ -224,11 +216,7 @@ class KindTable:
 
     @staticmethod
     def from_tensors(tensors: Mapping[str, Shaped[Tensor, " ..."]]) -> KindTable:
-        """Make the table from saved tensors; the inverse of `to_tensors`.
-
-        Raises:
-            KeyError: if one is missing.
-        """
+        """Make the table from the tensors of `to_tensors`; raises KeyError if one is missing."""
         names, words = (
             tuple(bytes(tensor.byte().tolist()).decode().split("\n")) if len(tensor) else ()
             for tensor in (tensors["kinds.names"], tensors["kinds.words"])
@@ -246,11 +234,7 @@ class KindTable:
         return KindTable(names, by_speaker, goal, spread, both, calls, struck)
 
     def sample_kinds(
-        self,
-        plan: GesturePlan,
-        speaker: int,
-        words: Sequence[Interval],
-        rng: np.random.Generator,
+        self, plan: GesturePlan, speaker: int, words: Sequence[Interval], rng: np.random.Generator
     ) -> GesturePlan:
         """Draw a kind for every gesture, and set the word of its stroke.
 
@@ -259,7 +243,7 @@ class KindTable:
         """
         hands = {side: list(plan.hand(side)) for side in SIDES}
         landed: dict[float, str] = {}
-        for stroke in sorted(gesture_spans(plan), key=lambda one: one.last_stroke.end_s):
+        for stroke in sorted(group_gesture_phases(plan), key=lambda one: one.last_stroke.end_s):
             lands = stroke.last_stroke
             word = _word_at(words, lands.end_s)
             partner = self.simultaneous_kind(landed, lands.end_s) if stroke.is_bimanual else ""
@@ -267,9 +251,9 @@ class KindTable:
             kind = called or self.sample_kind(stroke, speaker, rng)
             landed[lands.end_s] = kind
             phases = hands[stroke.side]
-            for k in range(stroke.first_phase, stroke.last_phase + 1):
+            for k in range(stroke.first_index, stroke.last_index + 1):
                 phases[k] = replace(phases[k], kind=kind)
-            at = stroke.first_phase + [p.end_s for p in phases[stroke.first_phase :]].index(
+            at = stroke.first_index + [p.end_s for p in phases[stroke.first_index :]].index(
                 lands.end_s
             )
             goal = lands.goal
@@ -333,7 +317,7 @@ class KindTable:
             "",
         )
 
-    def sample_kind(self, gesture: GestureSpan, speaker: int, rng: np.random.Generator) -> str:
+    def sample_kind(self, gesture: GesturePhases, speaker: int, rng: np.random.Generator) -> str:
         """Draw a kind by a gesture's goal and its speaker."""
         off = (np.asarray(gesture.last_stroke.goal) - self.mean_goals) / self.goal_deviations
         score = np.log(self.shares_by_speaker[speaker].clip(1e-9)) - np.log(
@@ -363,14 +347,14 @@ def sample_index(shares: Float[np.ndarray, " K"], uniform: float) -> int:
     return int(min(np.searchsorted(edges, uniform * edges[-1], side="right"), len(edges) - 1))
 
 
-def gesture_spans(plan: GesturePlan) -> list[GestureSpan]:
+def group_gesture_phases(plan: GesturePlan) -> list[GesturePhases]:
     """Return the gestures of both hands, after Kita et al. (1998).
 
     A gesture is its preparation, the hold before its stroke, the stroke, and the holds and beats
     after it. Strokes in direct succession are one gesture, unless their kinds differ; a gap between
     them is a hold (`fill_gaps`), after which another gesture begins.
     """
-    strokes: list[GestureSpan] = []
+    strokes: list[GesturePhases] = []
     for side in SIDES:
         phases = plan.hand(side)
         k = 0
@@ -391,12 +375,12 @@ def gesture_spans(plan: GesturePlan) -> list[GestureSpan]:
             while k < len(phases) and phases[k].phase in ("hold", "beat"):
                 k += 1
             if lands < len(phases) and phases[lands].phase == "stroke":
-                strokes.append(GestureSpan(side, first, k - 1, phases[lands]))
+                strokes.append(GesturePhases(side, first, k - 1, phases[lands]))
     ends = {
         side: np.array([s.last_stroke.end_s for s in strokes if s.side == side]) for side in SIDES
     }
 
-    def meets(stroke: GestureSpan) -> bool:
+    def meets(stroke: GesturePhases) -> bool:
         other = ends[SIDES[1 - SIDES.index(stroke.side)]]
         return bool(
             len(other) and np.abs(other - stroke.last_stroke.end_s).min() < BIMANUAL_TOLERANCE_S
@@ -411,14 +395,14 @@ def _are_separate(stroke: HandPhase, then: HandPhase) -> bool:
     return differ or then.start_s - stroke.end_s > GAP_S
 
 
-def kind_indices(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.ndarray, "T 2"]:
+def kind_numbers(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.ndarray, "T 2"]:
     """Return the number of the gesture type of each hand in each frame whose centre it covers."""
     kinds = np.zeros((num_frames, 2), np.uint8)
     for column, side in enumerate(SIDES):
         for phase in plan.hand(side):
             ends_s = phase.start_s, phase.end_s
             first, stop = (max(0, int(np.ceil(end_s * FPS - 0.5))) for end_s in ends_s)
-            kinds[first:stop, column] = table.index_of(phase.kind)
+            kinds[first:stop, column] = table.number_of(phase.kind)
     return kinds
 
 

@@ -54,7 +54,7 @@ class _FromJson:
 
 
 @dataclass(frozen=True)
-class Span(_FromJson):
+class SpanEvent(_FromJson):
     """An event with a duration."""
 
     start_s: float
@@ -62,7 +62,7 @@ class Span(_FromJson):
 
 
 @dataclass(frozen=True)
-class Point(_FromJson):
+class PointEvent(_FromJson):
     """An event at a point in time."""
 
     time_s: float
@@ -77,27 +77,27 @@ class Point(_FromJson):
 
 
 @dataclass(frozen=True)
-class HandPhase(Span):
+class HandPhase(SpanEvent):
     """One phase of a hand's movement."""
 
     phase: Phase
     goal: tuple[float, float, float]
     """Position of the wrist at the end (out, up, forward) in metres; a hold may drift a little."""
     kind: ShortText = ""
-    """Name of the gesture form, one of `model.plan.kinds.USUAL_STROKE_ENDS`; empty at rest."""
+    """Name of the gesture form, one of `model.plan.kinds.USUAL_STROKE_GOALS`; empty at rest."""
     word: ShortText = ""
     """Word during which a stroke ends; no lexical affiliate."""
 
 
 @dataclass(frozen=True)
-class Nod(Point):
+class Nod(PointEvent):
     """A nod of the head: down to its lowest point, and up again."""
 
     depth_deg: float
 
 
 @dataclass(frozen=True)
-class Gaze(Span):
+class Gaze(SpanEvent):
     """Direction of the eyes and the head."""
 
     yaw_deg: float
@@ -107,7 +107,7 @@ class Gaze(Span):
 
 
 @dataclass(frozen=True)
-class Brow(Point):
+class Brow(PointEvent):
     """A movement of the brows, up or to a frown."""
 
     height: float
@@ -115,7 +115,7 @@ class Brow(Point):
 
 
 @dataclass(frozen=True)
-class Smile(Span):
+class Smile(SpanEvent):
     """A smile of constant size."""
 
     size: float
@@ -123,19 +123,19 @@ class Smile(Span):
 
 
 @dataclass(frozen=True)
-class Blink(Point):
+class Blink(PointEvent):
     """A blink of both eyes."""
 
 
 @dataclass(frozen=True)
-class Stance(Span):
+class Stance(SpanEvent):
     """Stance: the leg that carries the body's weight."""
 
     leg: Leg
 
 
 @dataclass(frozen=True)
-class FootContact(Span):
+class FootContact(SpanEvent):
     """A foot that does not move."""
 
     foot: Side
@@ -150,18 +150,17 @@ class GesturePlan(_FromJson):
     right: tuple[HandPhase, ...] = ()
     nods: tuple[Nod, ...] = ()
     looks: tuple[Gaze, ...] = ()
+    """Gaze events."""
     brows: tuple[Brow, ...] = ()
     smiles: tuple[Smile, ...] = ()
     blinks: tuple[Blink, ...] = ()
     stands: tuple[Stance, ...] = ()
+    """Intervals by the leg that bears the weight."""
     planted: tuple[FootContact, ...] = ()
+    """Intervals of foot contact."""
 
     def __post_init__(self) -> None:
-        """Check the plan.
-
-        Raises:
-            PlanError: if an event ends before it begins, overlaps, or is beyond the arm's reach.
-        """
+        """Check order and overlaps of events, and the arm's reach; raises PlanError."""
         if not 0 < self.duration_s <= MAX_SECONDS:
             raise PlanError(
                 f"The plan lasts {self.duration_s:g} s; it must be longer than 0 s and at most "
@@ -205,7 +204,7 @@ class GesturePlan(_FromJson):
         def truncate(events: Sequence[Any]) -> tuple[Any, ...]:
             return tuple(
                 replace(event, end_s=end_s)
-                if isinstance(event, Span) and event.end_s > end_s
+                if isinstance(event, SpanEvent) and event.end_s > end_s
                 else event
                 for event in events
                 if event.start_s < end_s
@@ -233,8 +232,8 @@ class StreamedPlan:
     condition: GesturePlan
     """Plan with second 0 at the frame ``zero_frame``; earlier events have negative times."""
     zero_frame: int
-    planted: tuple[FootContact, ...]
-    """Foot contacts from the first frame of all on."""
+    foot_contacts_from_start: tuple[FootContact, ...]
+    """Foot contacts in seconds from frame 0, unlike those in `condition`."""
 
 
 def fill_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, ...]:
@@ -279,7 +278,7 @@ def _check(name: str, event: Any) -> None:
             )
     if "goal" in numbers and not all(abs(n) <= REACH_M for n in numbers["goal"]):
         raise PlanError(f"An event in `{name}` has a goal over {REACH_M:g} m from the chest.")
-    if isinstance(event, Span) and not event.start_s < event.end_s:
+    if isinstance(event, SpanEvent) and not event.start_s < event.end_s:
         raise PlanError(
             f"An event in `{name}` goes from {event.start_s:g} to {event.end_s:g} s; it must end "
             "after it begins."
@@ -291,5 +290,5 @@ def _check_in_turn(side: Side, phases: tuple[HandPhase, ...]) -> None:
         if after.start_s < before.end_s - 1e-3:
             raise PlanError(
                 f"The {side} hand begins a {after.phase} at {after.start_s:.2f} s, in the middle "
-                f"of a {before.phase}; a hand does one thing at a time."
+                f"of a {before.phase}; phases of one hand must not overlap."
             )

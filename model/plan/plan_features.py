@@ -95,8 +95,8 @@ def plan_tracks(plan: GesturePlan, num_frames: int) -> Float[np.ndarray, "T trac
     return tracks
 
 
-def rest_share(plan: GesturePlan, frames: range) -> Float[np.ndarray, " T"]:
-    """Return how much both hands rest in some frames (0 to 1), smoothed; ends are repeated."""
+def both_hands_rest_weight(plan: GesturePlan, frames: range) -> Float[np.ndarray, " T"]:
+    """Compute the smoothed mask (0 to 1) of frames in which both hands rest; ends are repeated."""
     margin = round(4 * PULSE_FRAMES)
     wide = range(frames.start - margin, frames.stop + margin)
     time_s = ((np.array(wide) + 0.5) / FPS).clip(0.5 / FPS, plan.duration_s - 0.5 / FPS)
@@ -167,8 +167,8 @@ class EventTier:
     before, an earlier one up to this frame."""
 
     @property
-    def state_dim(self) -> int:
-        """Number of values that describe the chain's state."""
+    def state_feature_dim(self) -> int:
+        """Length of a state's features: one-hot state, two durations, mark."""
         return len(self.states) + 2 + len(self.mark_scales)
 
 
@@ -185,7 +185,7 @@ TIERS: tuple[EventTier, ...] = (
     EventTier("right foot", ("step", "planted"), coupled_tier="left foot"),
     EventTier("smile", ("serious", "smile"), (0.3,)),
 )
-CHAINS_BY_NAME = {tier.name: tier for tier in TIERS}
+TIERS_BY_NAME = {tier.name: tier for tier in TIERS}
 MAX_STATE_S = 8.0
 """Longest duration in the description of a state (s); longer ones are clipped."""
 
@@ -204,14 +204,14 @@ class EventOnset:
 class ChainStates:
     """Event chain of a tier at some frames."""
 
-    state_before: Float[np.ndarray, "T state_dim"]
-    """Chain's state (T, state_dim) before the frame: one-hot state, its duration twice, mark."""
-    state_after: Float[np.ndarray, "T state_dim"]
-    """Chain's state (T, state_dim) after the event of the frame."""
+    features_before: Float[np.ndarray, "T state_feature_dim"]
+    """Chain's state before the frame: one-hot state, its duration twice, mark."""
+    features_after: Float[np.ndarray, "T state_feature_dim"]
+    """Chain's state after the event of the frame."""
     event: Int[np.ndarray, " T"]
     """Event (T,): 0 to stay, or 1 + the state that begins."""
-    mark: Float[np.ndarray, "T units"]
-    """Mark (T, units) of the state that begins."""
+    mark: Float[np.ndarray, "T mark_dim"]
+    """Mark (T, mark_dim) of the state that begins."""
 
 
 def plan_to_chains(plan: GesturePlan) -> dict[str, list[EventOnset]]:
@@ -220,8 +220,8 @@ def plan_to_chains(plan: GesturePlan) -> dict[str, list[EventOnset]]:
     chains: dict[str, list[EventOnset]] = {}
 
     def add(name: str, start_s: float, state: str, mark: Sequence[float] = ()) -> None:
-        tier = CHAINS_BY_NAME[name]
-        scaled = tuple(float(m / unit) for m, unit in zip(mark, tier.mark_scales, strict=True))
+        tier = TIERS_BY_NAME[name]
+        scaled = tuple(float(m / scale) for m, scale in zip(mark, tier.mark_scales, strict=True))
         begun = EventOnset(max(0, round(start_s * FPS)), tier.states.index(state), scaled)
         chain = chains.setdefault(name, [])
         if chain and chain[-1].frame >= begun.frame:
@@ -243,7 +243,7 @@ def plan_to_chains(plan: GesturePlan) -> dict[str, list[EventOnset]]:
         ("brow", [(brow.time_s, (brow.height,)) for brow in plan.brows]),
         ("blink", [(blink.time_s, ()) for blink in plan.blinks]),
     ):
-        add(name, 0.0, name, (0.0,) * len(CHAINS_BY_NAME[name].mark_scales))
+        add(name, 0.0, name, (0.0,) * len(TIERS_BY_NAME[name].mark_scales))
         for start_s, mark in begins:
             add(name, start_s, name, mark)
     add("smile", 0.0, "serious", (0.0,))
@@ -262,18 +262,18 @@ def chains_to_plan(chains: dict[str, list[EventOnset]], num_frames: int) -> Gest
 
     def spans(name: str) -> Iterator[tuple[EventOnset, float, float, tuple[float, ...]]]:
         """Yield each state with its start and end (s) and its mark."""
-        chain, units = chains[name], CHAINS_BY_NAME[name].mark_scales
+        chain, scales = chains[name], TIERS_BY_NAME[name].mark_scales
         for one, two in zip(chain, [*chain[1:], None], strict=True):
             stop = two.frame if two else num_frames
             if stop > one.frame:
-                mark = tuple(m * unit for m, unit in zip(one.mark, units, strict=True))
+                mark = tuple(m * scale for m, scale in zip(one.mark, scales, strict=True))
                 yield one, one.frame / FPS, stop / FPS, mark
 
     def points(name: str) -> list[tuple[float, tuple[float, ...]]]:
         return [(start_s, mark) for one, start_s, _, mark in spans(name) if one.frame > 0]
 
     def in_state(name: str, state: str) -> list[tuple[float, float, tuple[float, ...]]]:
-        number = CHAINS_BY_NAME[name].states.index(state)
+        number = TIERS_BY_NAME[name].states.index(state)
         return [(a, b, mark) for one, a, b, mark in spans(name) if one.state == number]
 
     left, right = (
@@ -312,8 +312,10 @@ def chain_states(
     before = np.maximum(np.searchsorted(first, frames, side="left") - 1, 0)
     begins = (now != before) & (frames > 0)
     return ChainStates(
-        state_before=_state_features(tier, states[before], frames - first[before], marks[before]),
-        state_after=_state_features(tier, states[now], frames - first[now], marks[now]),
+        features_before=_state_features(
+            tier, states[before], frames - first[before], marks[before]
+        ),
+        features_after=_state_features(tier, states[now], frames - first[now], marks[now]),
         event=np.where(begins, 1 + states[now], 0),
         mark=np.where(begins[:, None], marks[now], 0.0).astype(np.float32),
     )
@@ -323,25 +325,23 @@ def _state_features(
     tier: EventTier,
     states: Int[np.ndarray, " T"],
     lasted: Int[np.ndarray, " T"],
-    marks: Float[np.ndarray, "T units"],
-) -> Float[np.ndarray, "T state_dim"]:
+    marks: Float[np.ndarray, "T mark_dim"],
+) -> Float[np.ndarray, "T state_feature_dim"]:
     seconds = np.minimum(lasted / FPS, MAX_STATE_S)
     which = np.eye(len(tier.states))[states]
     times = np.stack([seconds, np.log(seconds + 0.1)], axis=1)
     return np.concatenate([which, times, marks], axis=1).astype(np.float32)
 
 
-def coupled_states(
-    chains: Mapping[str, ChainStates],
-) -> dict[str, Float[np.ndarray, "T _"]]:
-    """Return the input of each tier's sampling: its own chain, and the coupled tier's."""
+def tier_sampling_inputs(chains: Mapping[str, ChainStates]) -> dict[str, Float[np.ndarray, "T _"]]:
+    """Return the input of each tier's sampler: its own features, and the coupled tier's if any."""
     drawn: set[str] = set()
     states = {}
     for tier in TIERS:
-        own = chains[tier.name].state_before
+        own = chains[tier.name].features_before
         if tier.coupled_tier:
             other = chains[tier.coupled_tier]
-            now = other.state_after if tier.coupled_tier in drawn else other.state_before
+            now = other.features_after if tier.coupled_tier in drawn else other.features_before
             own = np.concatenate([own, now], axis=1)
         states[tier.name] = own
         drawn.add(tier.name)
@@ -350,11 +350,11 @@ def coupled_states(
 
 def chain_state_at(
     tier: EventTier, onset: EventOnset, frame: int
-) -> Float[np.ndarray, " state_dim"]:
+) -> Float[np.ndarray, " state_feature_dim"]:
     """Describe a chain at one frame, as `_state_features` does for many; called at every frame."""
     seconds = min((frame - onset.frame) / FPS, MAX_STATE_S)
     count = len(tier.states)
-    state = np.zeros(tier.state_dim, np.float32)
+    state = np.zeros(tier.state_feature_dim, np.float32)
     state[onset.state] = 1.0
     state[count : count + 2] = seconds, np.log(seconds + 0.1)
     state[count + 2 :] = onset.mark

@@ -20,21 +20,21 @@ import numpy as np
 
 from model.plan.annotation_files import Interval
 from model.plan.editing import (
-    Gesture,
+    GestureKey,
     add_gesture,
     change_hands,
-    clamp_to_reach,
+    clamp_goals,
+    default_stroke_end_on_word,
     delete_gesture,
     gestures,
     move_gesture,
     raise_gesture,
     scale_gesture,
     scale_gesture_speed,
-    stroke_time_on_word,
 )
-from model.plan.kinds import BIMANUAL_TOLERANCE_S, REST_POSITION, gesture_spans
+from model.plan.kinds import BIMANUAL_TOLERANCE_S, REST_POSITION, group_gesture_phases
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, PlanResult, Smile
-from model.storage.files import parse_toml, read_capped
+from model.storage.files import parse_toml, read_within_limit
 
 _RELATIVE_TOLERANCE = 0.02
 """Relative difference below which a style's value counts as reached."""
@@ -68,7 +68,7 @@ class Style:
 
 def style_of(plan: GesturePlan) -> Style:
     """Measure the style of a plan, which is also the initial value of its sliders."""
-    strokes = gesture_spans(plan)
+    strokes = group_gesture_phases(plan)
     goals = [stroke.last_stroke.goal for stroke in strokes]
     twice = sum(stroke.is_bimanual for stroke in strokes) / 2
     count = len(strokes) - twice
@@ -99,11 +99,7 @@ def with_arousal(style: Style, arousal: float) -> Style:
 
 
 def with_style(plan: GesturePlan, style: Style, words: Sequence[Interval] = ()) -> PlanResult:
-    """Change the style of a plan, as far as there are gestures, words and time for it.
-
-    Args:
-        words: words that get beats if gestures are to be added; without words none are.
-    """
+    """Change a plan's style as far as gestures, time and words (for added beats) allow."""
     notes: list[str] = []
     now = style_of(plan)
     if _differs(style.gestures_per_min, now.gestures_per_min):
@@ -132,9 +128,9 @@ def _differs(wish: float, now: float) -> bool:
     return abs(wish - now) > _RELATIVE_TOLERANCE * max(abs(wish), abs(now), 0.05)
 
 
-def gesture_groups(plan: GesturePlan) -> list[list[Gesture]]:
-    """Return all gestures in order of time, grouped if both hands make one together."""
-    groups: list[list[Gesture]] = []
+def pair_bimanual_gestures(plan: GesturePlan) -> list[list[GestureKey]]:
+    """Return all gestures in order of time, as pairs where both hands make one together."""
+    groups: list[list[GestureKey]] = []
     every = sorted(
         (g for side in SIDES for g in gestures(plan, side)), key=lambda g: g.stroke_end_s
     )
@@ -154,7 +150,7 @@ def _spread(count: int, most: int) -> list[int]:
 
 
 def _with_rate(plan: GesturePlan, per_min: float, words: Sequence[Interval]) -> GesturePlan:
-    there = gesture_groups(plan)
+    there = pair_bimanual_gestures(plan)
     wanted = round(per_min * plan.duration_s / 60)
     for k in _spread(max(0, len(there) - wanted), len(there)):
         for gesture in there[k]:
@@ -165,7 +161,7 @@ def _with_rate(plan: GesturePlan, per_min: float, words: Sequence[Interval]) -> 
             break
         try:
             edited = add_gesture(
-                plan, "beat", stroke_time_on_word(word), "right", word.text.lower()
+                plan, "beat", default_stroke_end_on_word(word), "right", word.text.lower()
             )
         except PlanError:
             continue
@@ -174,7 +170,7 @@ def _with_rate(plan: GesturePlan, per_min: float, words: Sequence[Interval]) -> 
 
 
 def _with_both(plan: GesturePlan, share: float) -> GesturePlan:
-    groups = gesture_groups(plan)
+    groups = pair_bimanual_gestures(plan)
     both = [group for group in groups if len(group) == 2]
     single = [group for group in groups if len(group) == 1]
     missing = round(share * len(groups)) - len(both)
@@ -192,9 +188,11 @@ def _with_both(plan: GesturePlan, share: float) -> GesturePlan:
     return plan
 
 
-def _each(plan: GesturePlan, change: Callable[[GesturePlan, Gesture], PlanResult]) -> GesturePlan:
+def _each(
+    plan: GesturePlan, change: Callable[[GesturePlan, GestureKey], PlanResult]
+) -> GesturePlan:
     """Apply a change to every gesture for which it is possible."""
-    for gesture in (each for group in gesture_groups(plan) for each in group):
+    for gesture in (each for group in pair_bimanual_gestures(plan) for each in group):
         try:
             plan = change(plan, gesture).plan
         except PlanError:
@@ -227,17 +225,21 @@ class StyleChange:
     """Target values of `Style` by name."""
     factors: Mapping[str, float] = field(default_factory=dict)
     """Factors of the plan's values by name; heights have none, as their zero is the chest."""
-    excite: float = 0.0
-    wrong_words: bool = False
+    arousal: float = 0.0
+    """From -1 (calm) to 1 (excited); key ``excite`` of style files."""
+    is_misaligned: bool = False
+    """True to move strokes to other words; key ``wrong_words`` of style files."""
 
     def apply(self, plan: GesturePlan, words: Sequence[Interval] = ()) -> PlanResult:
         """Apply the change to a plan, as far as there are gestures, words and time for it."""
         now = style_of(plan)
         times = _within({name: getattr(now, name) * by for name, by in self.factors.items()})
         wish = replace(now, **times)
-        changed = with_style(plan, with_arousal(replace(wish, **self.targets), self.excite), words)
+        changed = with_style(plan, with_arousal(replace(wish, **self.targets), self.arousal), words)
         return (
-            changed.then(lambda new: misalign_gestures(new, words)) if self.wrong_words else changed
+            changed.then(lambda new: misalign_gestures(new, words))
+            if self.is_misaligned
+            else changed
         )
 
 
@@ -246,10 +248,10 @@ def misalign_gestures(plan: GesturePlan, words: Sequence[Interval] = ()) -> Plan
 
     It moves to another word if words are known; if there is no room it stays, with a note.
     """
-    groups = gesture_groups(plan)
+    groups = pair_bimanual_gestures(plan)
     called = np.array([group[0].stroke_end_s for group in groups])
-    places = [stroke_time_on_word(word) for word in words]
-    texts = {stroke_time_on_word(word): word.text.lower() for word in words}
+    places = [default_stroke_end_on_word(word) for word in words]
+    texts = {default_stroke_end_on_word(word): word.text.lower() for word in words}
     steps = np.arange(MIN_MISALIGNMENT_S, FARTHEST_S + STEP_S / 2, STEP_S)
     stayed = 0
     for group in groups:
@@ -281,7 +283,7 @@ def misalign_gestures(plan: GesturePlan, words: Sequence[Interval] = ()) -> Plan
 
 def read_style_file(path: Path) -> StyleChange:
     """Read a style file; raises `PlanError` if it is missing, too large, or invalid."""
-    content = read_capped(path, MAX_BYTES, PlanError)
+    content = read_within_limit(path, MAX_BYTES, PlanError)
     try:
         entries = parse_toml(content.decode("utf-8"))
     except ValueError as error:
@@ -325,8 +327,8 @@ def _number(name: str, value: object, least: float, most: float) -> float:
 
 
 LIVE_STYLE_LIMITS = {
-    "often": (0.2, 4.0), "large": (0.3, 2.5), "high_m": (-0.3, 0.3), "fast": (0.5, 2.0),
-    "both": (0.1, 10.0), "smile": (0.0, 4.0),
+    "rate_factor": (0.2, 4.0), "size_factor": (0.3, 2.5), "height_offset_m": (-0.3, 0.3),
+    "speed_factor": (0.5, 2.0), "joining_factor": (0.1, 10.0), "smile_factor": (0.0, 4.0),
 }  # fmt: skip
 
 
@@ -334,15 +336,17 @@ LIVE_STYLE_LIMITS = {
 class LiveStyle:
     """Sliders of live generation: factors (or m) relative to what the speech gives."""
 
-    often: float = 1.0
+    rate_factor: float = 1.0
     """Factor of the probability that a gesture begins."""
-    large: float = 1.0
-    high_m: float = 0.0
-    fast: float = 1.0
+    size_factor: float = 1.0
+    """Factor of the distance of goals from the rest position."""
+    height_offset_m: float = 0.0
+    """Height added to goals (m)."""
+    speed_factor: float = 1.0
     """Factor of the speed of preparations, strokes and retractions."""
-    both: float = 1.0
+    joining_factor: float = 1.0
     """Factor of the probability that one hand joins the other."""
-    smile: float = 1.0
+    smile_factor: float = 1.0
 
     @staticmethod
     def parse(content: Any) -> LiveStyle:
@@ -355,11 +359,14 @@ class LiveStyle:
             **{name: _number(name, content[name], *LIVE_STYLE_LIMITS[name]) for name in content}
         )
 
-    def apply(self, phase: HandPhase) -> HandPhase:
+    def adjust_goal(self, phase: HandPhase) -> HandPhase:
         """Scale and raise the goal of a gesture's phase."""
-        if phase.phase in ("rest", "retraction") or (self.large, self.high_m) == (1.0, 0.0):
+        if phase.phase in ("rest", "retraction") or (self.size_factor, self.height_offset_m) == (
+            1.0,
+            0.0,
+        ):
             return phase
         out, up, forward = (
-            r + self.large * (g - r) for g, r in zip(phase.goal, REST_POSITION, strict=True)
+            r + self.size_factor * (g - r) for g, r in zip(phase.goal, REST_POSITION, strict=True)
         )
-        return clamp_to_reach([replace(phase, goal=(out, up + self.high_m, forward))])[0][0]
+        return clamp_goals([replace(phase, goal=(out, up + self.height_offset_m, forward))])[0][0]

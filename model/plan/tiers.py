@@ -31,10 +31,10 @@ from model.plan.plan import (
     Phase,
     PlanError,
     PlanResult,
-    Point,
+    PointEvent,
     Side,
     Smile,
-    Span,
+    SpanEvent,
     Stance,
 )
 
@@ -90,14 +90,14 @@ def plan_to_tiers(plan: GesturePlan, *, for_praat: bool = False) -> tuple[NamedT
         for before, after in pairwise(rows):
             if after.start_s < before.end_s:
                 raise PlanError(
-                    f"The plan's events in {name} overlap at {after.start_s:.2f} s, which a tier "
-                    "cannot hold; change their times, or write the plan as JSON."
+                    f"The plan's events in {name} overlap at {after.start_s:.2f} s, which is not "
+                    "possible in a tier; change their times, or write the plan as JSON."
                 )
         tiers.append(NamedTier(name, tuple(rows), name in ("nods", "brows", "blinks")))
     return tuple(tiers)
 
 
-def _row(event: Span | Point, label: str, is_point: bool = False) -> Interval:
+def _row(event: SpanEvent | PointEvent, label: str, is_point: bool = False) -> Interval:
     start_s = event.end_s if is_point else event.start_s
     return Interval(round(start_s, 4), round(event.end_s, 4), label)
 
@@ -168,11 +168,7 @@ class _Meaning:
 
 
 def tiers_to_plan(tiers: Sequence[NamedTier], duration_s: float) -> PlanResult:
-    """Convert tiers to a plan by their names: ours, or others that mention hands and phases.
-
-    Raises:
-        PlanError: if no tier describes a hand, or the tiers form no valid plan.
-    """
+    """Convert our tiers, or others that name hands and phases, to a plan; raises PlanError."""
     _check_tiers(tiers)
     meanings = [(tier, _meaning(tier)) for tier in tiers]
     rows: _Rows = defaultdict(list)
@@ -205,9 +201,7 @@ def _check_tiers(tiers: Sequence[NamedTier]) -> None:
         raise PlanError(f"There are two tiers called {twice[:40]}; rename or delete one of them.")
     for tier in tiers:
         if len(tier.rows) > MAX_ROWS:
-            raise PlanError(
-                f"Tier {tier.name[:40]} has more than {MAX_ROWS} annotations, the limit."
-            )
+            raise PlanError(f"Tier {tier.name[:40]} exceeds the limit of {MAX_ROWS} annotations.")
 
 
 def _meaning(tier: NamedTier) -> _Meaning:

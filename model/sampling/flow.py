@@ -140,8 +140,8 @@ class ClassifierFreeGuidance:
         """Return the batch size with duplicates: samples with speech first, then without."""
         return 2 * size if self.needs_unconditional else size
 
-    def is_conditional(self, size: int) -> Bool[Tensor, " B"]:
-        """Return a mask (B,) that is true for the half of the duplicated batch with speech."""
+    def conditional_mask(self, size: int) -> Bool[Tensor, " _"]:
+        """Return a mask over the duplicated batch that is true for samples with speech."""
         return torch.arange(self.network_batch_size(size)) < size
 
     def duplicate(self, batch: Shaped[Tensor, "B ..."]) -> Shaped[Tensor, "_ ..."]:

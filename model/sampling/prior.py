@@ -89,12 +89,10 @@ class GaussianPrior(nn.Module):
         return motion.permute(2, 1, 0)
 
     def _by_seed(
-        self,
-        has_seed: int | Bool[Tensor, " B"],
-        compute: Callable[[int], Float[Tensor, "C T B"]],
+        self, has_seed: int | Bool[Tensor, " B"], compute: Callable[[int], Float[Tensor, "C T B"]]
     ) -> Float[Tensor, "C T B"]:
         """Select, per sample, the result without (0) or with (1) a seed."""
-        case = has_seed if isinstance(has_seed, int) else self.shared_seed_flag(has_seed)
+        case = has_seed if isinstance(has_seed, int) else self.common_has_seed(has_seed)
         if case is not None:
             return compute(case)
         return torch.where(torch.as_tensor(has_seed), compute(1), compute(0))
@@ -113,7 +111,7 @@ class GaussianPrior(nn.Module):
         """Compute the mean of x_1 given x_t = (1 - t) x_0 + t x_1, and a seed if there is one."""
         return self._linear_estimate(x_t, t, seed, has_seed, t * self.variance[..., None])
 
-    def consistency(
+    def flow_to_data(
         self,
         x_t: Float[Tensor, "B T C"],
         t: Float[Tensor, " B"],
@@ -157,7 +155,7 @@ class GaussianPrior(nn.Module):
 
         return self._by_seed(has_seed, scaled).permute(2, 1, 0)
 
-    def shared_seed_flag(self, has_seed: Bool[Tensor, " B"]) -> int | None:
+    def common_has_seed(self, has_seed: Bool[Tensor, " B"]) -> int | None:
         """Return 0 or 1 if no or every sample has a seed, else None; always None in training."""
         if self.training or not bool((has_seed == has_seed[0]).all()):
             return None
@@ -180,7 +178,6 @@ class GaussianPrior(nn.Module):
 
         Args:
             predict: prediction of x_1 by a network with this prior.
-            seed: first frames (B, S, C); None without a seed pose.
 
         Raises:
             ValueError: if ``steps`` is below 1.
@@ -223,7 +220,7 @@ def time_grid(steps: int) -> list[float]:
 def fit_components(
     windows: Sequence[Float[Tensor, "N T C"]],
 ) -> tuple[Float[Tensor, "C C"], Float[Tensor, "C C"]]:
-    """Fit matrices to and from components with unit variance, for channels of mean 0.
+    """Fit the `Normaliser`'s matrices to and from components of unit variance, for mean 0.
 
     Neither values nor accelerations of components are correlated (as in second-order blind
     identification, Tong et al. 1991), so slow and large motion does not leak into jitter. Channels

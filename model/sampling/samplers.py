@@ -23,28 +23,29 @@ class UnknownNameError(ValueError):
 
 
 @dataclass(frozen=True)
-class Sampler:
-    """A sampler that a user may choose for a system.
+class SamplerChoice:
+    """A sampler that a user may choose for a system, with the defaults of its options.
 
     Example:
         >>> heun, euler = make_samplers("heun", "euler", steps=8, guidance=1.5)
-        >>> heun.title, heun.steps, heun.guidance
+        >>> heun.title, heun.default_steps, heun.default_guidance
         ('Heun (second order)', 8, 1.5)
     """
 
     name: str
-    steps: int
-    """Default number of steps."""
+    default_steps: int
     title: str = ""
     """Name for users; empty to use ``name``."""
-    guidance: float | None = None
+    default_guidance: float | None = None
     """Default guidance scale of the speech; None if it cannot be chosen, and is that of
     training."""
 
 
-def make_samplers(*names: str, steps: int, guidance: float | None = None) -> tuple[Sampler, ...]:
+def make_samplers(
+    *names: str, steps: int, guidance: float | None = None
+) -> tuple[SamplerChoice, ...]:
     """Make the samplers of one system, with the same default steps and guidance scale."""
-    return tuple(Sampler(name, steps, SAMPLER_TITLES[name], guidance) for name in names)
+    return tuple(SamplerChoice(name, steps, SAMPLER_TITLES[name], guidance) for name in names)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,12 +69,12 @@ class Sampling:
 DEFAULT_SAMPLING = Sampling()
 
 
-def clip_seed(seed: int, name: str) -> int:
-    """Compute the noise seed of a clip, 0 to 2**31 - 1, from the user's seed and the clip's name.
+def noise_seed_of_clip(user_seed: int, key: str) -> int:
+    """Compute the noise seed of a clip, 0 to 2**31 - 1, from the user's seed and a key.
 
-    In a run the name is the SHA-256 of the speech file. All systems have the same seed for a clip;
-    two clips that share noise move much alike whatever their speech.
-    The seed depends neither on other clips nor on their order.
+    The key is the clip's name, or the SHA-256 of a run's speech file. All systems have the same
+    seed for a clip; two clips that share noise move much alike whatever their speech. The seed
+    depends neither on other clips nor on their order.
     """
-    digest = hashlib.sha256(f"{seed} {name}".encode()).digest()
+    digest = hashlib.sha256(f"{user_seed} {key}".encode()).digest()
     return int.from_bytes(digest[:4], "little") >> 1

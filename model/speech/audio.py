@@ -55,8 +55,8 @@ class SpeechError(ValueError):
 
 
 @dataclass(frozen=True)
-class SpeechLimits:
-    """Limits on sound files that are accepted, and the choice of channel."""
+class SpeechReadOptions:
+    """Limits on sound files, and the choice of channel."""
 
     min_s: float | int = 0.5
     max_s: float | int = 600
@@ -83,7 +83,7 @@ class Speech:
         return len(self.waveform) / SAMPLE_RATE
 
     @property
-    def num_frames(self) -> int:
+    def num_motion_frames(self) -> int:
         """Number of motion frames during the speech."""
         return round(FPS * self.duration_s)
 
@@ -102,7 +102,7 @@ class _Decoded:
     """Sentences about the file's time stamps."""
 
 
-def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Speech:
+def load_speech(path: str | Path, options: SpeechReadOptions = SpeechReadOptions()) -> Speech:
     """Load a sound file of any common format, or a sound track of a video.
 
     Channels are mixed to one; if they cancel each other, the loudest alone is used. Of several
@@ -114,32 +114,32 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
             silent, or holds values that are not finite; one sentence with the file's name.
     """
     path = Path(path)
-    name = _display_name(path)
-    digest = _checked_sha256(path, name, limits)
-    decoded, track, notes = _first_audible_track(path, name, limits)
+    name = printable(path.name)[:100]
+    digest = _checked_sha256(path, name, options)
+    decoded, track, notes = _first_audible_track(path, name, options)
     num_channels = len(decoded.channel_rms)
-    if limits.channel is not None:
-        if limits.channel >= num_channels > 0:
+    if options.channel is not None:
+        if options.channel >= num_channels > 0:
             raise SpeechError(
                 f"{name} has {pluralise(num_channels, 'channel')}, but channel "
-                f"{limits.channel + 1} was requested."
+                f"{options.channel + 1} was requested."
             )
         if num_channels > 1:
-            notes.append(f"Only channel {limits.channel + 1} of {num_channels} was used.")
+            notes.append(f"Only channel {options.channel + 1} of {num_channels} was used.")
     elif num_channels > 1:
         notes.append(f"The file has {num_channels} channels; they were mixed to one.")
         loudest = int(decoded.channel_rms.argmax())
         if _rms(decoded.waveform) < CANCELLATION_LEVEL * decoded.channel_rms[loudest]:
-            decoded = _decode(path, name, limits, loudest, track)
+            decoded = _decode(path, name, options, loudest, track)
             notes[-1] = (
-                f"The file has {num_channels} channels that nearly vanish when mixed; only channel "
-                f"{loudest + 1}, the loudest, was used."
+                f"The file has {num_channels} channels that nearly cancel each other when mixed; "
+                f"only channel {loudest + 1}, the loudest, was used."
             )
     if decoded.rate not in (None, SAMPLE_RATE):
         notes.append(f"The sound was resampled from {decoded.rate:,} Hz to {SAMPLE_RATE:,} Hz.")
     notes += decoded.notes
     waveform = decoded.waveform
-    _check_waveform(waveform, name, limits)
+    _check_waveform(waveform, name, options)
     missing_s = (decoded.declared_s or 0.0) - len(waveform) / SAMPLE_RATE
     if missing_s > max(0.1, 0.01 * (decoded.declared_s or 0.0)):
         notes.append(
@@ -157,14 +157,14 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
 
 
 def _first_audible_track(
-    path: Path, name: str, limits: SpeechLimits
+    path: Path, name: str, options: SpeechReadOptions
 ) -> tuple[_Decoded, int, list[str]]:
     """Return the first track that is not silent (else the first), its number, and notes."""
-    first = _decode(path, name, limits, limits.channel)
+    first = _decode(path, name, options, options.channel)
     if first.num_tracks < 2:
         return first, 0, []
     for track in range(min(first.num_tracks, _MAX_TRACKS)):
-        decoded = first if track == 0 else _decode(path, name, limits, limits.channel, track)
+        decoded = first if track == 0 else _decode(path, name, options, options.channel, track)
         if np.abs(decoded.waveform).max(initial=0.0) >= SILENCE_PEAK:
             why = ", the first that is not silent," if track else ""
             note = f"Sound track {track + 1} of {first.num_tracks}{why} was used."
@@ -173,11 +173,7 @@ def _first_audible_track(
 
 
 def write_wav(path: str | Path, waveform: Float[np.ndarray, " N"]) -> None:
-    """Write a 16-bit PCM file, 16 kHz mono; values beyond full scale are clipped.
-
-    Raises:
-        WriteError: if the file cannot be written; the message says why.
-    """
+    """Write 16-bit PCM, 16 kHz mono; values beyond full scale are clipped; raises WriteError."""
     write_atomically(path, wav_bytes(waveform))
 
 
@@ -193,12 +189,7 @@ def wav_bytes(waveform: Float[np.ndarray, " N"]) -> bytes:
     return buffer.getvalue()
 
 
-def _display_name(path: Path) -> str:
-    """Format the file's name for use in a message."""
-    return printable(path.name)[:100]
-
-
-def _checked_sha256(path: Path, name: str, limits: SpeechLimits) -> str:
+def _checked_sha256(path: Path, name: str, options: SpeechReadOptions) -> str:
     if not path.is_file():
         kind = "is a folder, not a sound file" if path.is_dir() else "does not exist"
         raise SpeechError(f"{name} {kind}; {_READABLE}.")
@@ -206,25 +197,27 @@ def _checked_sha256(path: Path, name: str, limits: SpeechLimits) -> str:
         size = path.stat().st_size
         if size == 0:
             raise SpeechError(f"{name} is empty (0 bytes); {_READABLE}.")
-        if size > limits.max_bytes:
+        if size > options.max_bytes:
             raise SpeechError(
-                f"{name} has {size / 2**20:.0f} MiB; at most {limits.max_bytes / 2**20:.0f} MiB "
-                "are read, so save it as FLAC or MP3."
+                f"{name} is {size / 2**20:.0f} MiB; at most {options.max_bytes / 2**20:.0f} MiB "
+                "are read. Save it as FLAC or MP3."
             )
         return file_sha256(path)
     except OSError as error:
         raise SpeechError(f"{name} could not be read: {error.strerror or error}.") from error
 
 
-def _check_waveform(waveform: Float32[np.ndarray, " N"], name: str, limits: SpeechLimits) -> None:
+def _check_waveform(
+    waveform: Float32[np.ndarray, " N"], name: str, options: SpeechReadOptions
+) -> None:
     duration_s = len(waveform) / SAMPLE_RATE
     if len(waveform) == 0:
         raise SpeechError(f"{name} holds no sound (0 samples); {_READABLE} of speech.")
-    if len(waveform) > _max_samples(limits):
-        raise _too_long(name, limits)
-    if duration_s < limits.min_s:
+    if len(waveform) > _max_samples(options):
+        raise _too_long(name, options)
+    if duration_s < options.min_s:
         raise SpeechError(
-            f"{name} is {duration_s:.2g} s long; at least {limits.min_s:g} s are needed."
+            f"{name} is {duration_s:.2g} s long; at least {options.min_s:g} s are needed."
         )
     peak = float(np.abs(waveform).max())
     if peak < SILENCE_PEAK:
@@ -237,7 +230,7 @@ def _check_waveform(waveform: Float32[np.ndarray, " N"], name: str, limits: Spee
 def _decode(
     path: Path,
     name: str,
-    limits: SpeechLimits,
+    options: SpeechReadOptions,
     channel: int | None,
     track: int = 0,
     filters: str = _FILL_GAPS,
@@ -256,22 +249,22 @@ def _decode(
         *("-i", f"file:{path.resolve()}"),
         *("-map", f"0:a:{track}", "-vn", "-sn", "-dn", "-map_metadata", "-1", "-af", filters),
         # Sun's .au is raw samples after a header that says how many channels there are.
-        *("-t", f"{limits.max_s + 1:.3f}", "-ar", str(SAMPLE_RATE)),
+        *("-t", f"{options.max_s + 1:.3f}", "-ar", str(SAMPLE_RATE)),
         *("-c:a", "pcm_f32be", "-f", "au", "pipe:1"),
     ]
     process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     assert process.stdout is not None and process.stderr is not None
-    log, stamps = bytearray(), _Stamps()
-    log_reader = threading.Thread(target=_drain, args=(process.stderr, log, stamps), daemon=True)
+    log, repairs = bytearray(), _TimestampRepairs()
+    log_reader = threading.Thread(target=_drain, args=(process.stderr, log, repairs), daemon=True)
     log_reader.start()
     timed_out = threading.Event()
     watchdog = threading.Timer(_TIMEOUT_S, lambda: (timed_out.set(), process.kill()))
     watchdog.daemon = True
     watchdog.start()
     try:
-        waveform, channel_rms = _read_au(process.stdout, name, limits, channel)
+        waveform, channel_rms = _read_au(process.stdout, name, options, channel)
     finally:
         watchdog.cancel()
         process.kill()
@@ -287,20 +280,20 @@ def _decode(
     rate, declared_s, num_tracks = _parse_log(text, track)
     if rate is None and len(waveform) == 0:
         raise SpeechError(f"{name} is not a sound file that can be read; {_READABLE}.")
-    if stamps.num_dropped > sum(stamps.gap_lengths):
-        whole = _decode(path, name, limits, channel, track, _RESAMPLE)
+    if repairs.num_dropped > sum(repairs.gap_lengths):
+        whole = _decode(path, name, options, channel, track, _RESAMPLE)
         note = (
-            f"According to the file's time stamps, {stamps.num_dropped / SAMPLE_RATE:.1f} s of "
+            f"According to the file's time stamps, {repairs.num_dropped / SAMPLE_RATE:.1f} s of "
             "sound overlap; the time stamps were ignored, and all sound was kept."
         )
         return replace(whole, notes=(note,))
-    waveform, notes = _with_late_start(waveform, text, track, limits.max_s)
-    notes += _gap_notes(waveform, stamps.gap_lengths)
+    waveform, notes = _with_late_start(waveform, text, track, options.max_s)
+    notes += _gap_notes(waveform, repairs.gap_lengths)
     return _Decoded(waveform, channel_rms, rate, declared_s, num_tracks, tuple(notes))
 
 
 def _read_au(
-    stream: IO[bytes], name: str, limits: SpeechLimits, channel: int | None
+    stream: IO[bytes], name: str, options: SpeechReadOptions, channel: int | None
 ) -> tuple[Float32[np.ndarray, " N"], Float64[np.ndarray, " C"]]:
     """Return the mono samples and the RMS level of each channel, read block by block."""
     header = stream.read(24)
@@ -310,7 +303,7 @@ def _read_au(
     stream.read(offset - len(header))
     frame_bytes = 4 * num_channels
     block_bytes = max(1, _BLOCK_BYTES // frame_bytes) * frame_bytes
-    max_samples = _max_samples(limits)
+    max_samples = _max_samples(options)
     blocks: list[np.ndarray] = []
     energy = np.zeros(num_channels)
     num_samples = 0
@@ -328,19 +321,19 @@ def _read_au(
         blocks.append(block[:, channel].copy() if is_one else _mean(block))
         num_samples += len(block)
         if num_samples > max_samples:
-            raise _too_long(name, limits)
+            raise _too_long(name, options)
     waveform = np.concatenate(blocks) if blocks else np.zeros(0, dtype=np.float32)
     return waveform, np.sqrt(energy / max(1, num_samples))
 
 
-def _max_samples(limits: SpeechLimits) -> int:
+def _max_samples(options: SpeechReadOptions) -> int:
     """Return the largest number of samples; decoders pad the end, so half a frame is tolerated."""
-    return round((limits.max_s + 0.5 / FPS) * SAMPLE_RATE)
+    return round((options.max_s + 0.5 / FPS) * SAMPLE_RATE)
 
 
-def _too_long(name: str, limits: SpeechLimits) -> SpeechError:
+def _too_long(name: str, options: SpeechReadOptions) -> SpeechError:
     return SpeechError(
-        f"{name} is longer than {_minutes(limits.max_s)}, the limit; cut it, or raise the limit "
+        f"{name} is longer than the limit of {_minutes(options.max_s)}; cut it, or raise the limit "
         "(--max-minutes)."
     )
 
@@ -357,7 +350,7 @@ _STEP = 16384
 
 
 @dataclass
-class _Stamps:
+class _TimestampRepairs:
     """Changes that ffmpeg made to follow time stamps, in samples of the result."""
 
     gap_lengths: list[int] = field(default_factory=list)
@@ -368,7 +361,7 @@ class _Stamps:
     """True if silence that follows continues the last gap."""
 
 
-def _drain(stream: IO[bytes], log: bytearray, stamps: _Stamps) -> None:
+def _drain(stream: IO[bytes], log: bytearray, repairs: _TimestampRepairs) -> None:
     """Copy the start of ffmpeg's log and drop the rest, so that it never blocks.
 
     Of verbose messages only those about time stamps are used.
@@ -381,12 +374,12 @@ def _drain(stream: IO[bytes], log: bytearray, stamps: _Stamps) -> None:
         elif moved := _MOVED.search(line):
             count = int(moved[2])
             if moved[1] == b"discarding":
-                stamps.num_dropped += count
-            elif stamps.is_gap_open:
-                stamps.gap_lengths[-1] += count
+                repairs.num_dropped += count
+            elif repairs.is_gap_open:
+                repairs.gap_lengths[-1] += count
             else:
-                stamps.gap_lengths.append(count)
-            stamps.is_gap_open = moved[1] == b"adding" and count == _STEP
+                repairs.gap_lengths.append(count)
+            repairs.is_gap_open = moved[1] == b"adding" and count == _STEP
 
 
 _LATE_FORMATS = re.compile(r"^Input #0, mpeg(?:ts)?,", re.MULTILINE)

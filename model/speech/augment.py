@@ -1,7 +1,8 @@
 """Augmentation of speech waveforms: speed, room, noise, band limits and gain.
 
-Pure functions of a 16 kHz mono waveform. `apply_recording` applies room, noise and microphone in
-this order. Only `at_speed` changes the timing: motion fits the speech after all others.
+Pure functions of a 16 kHz mono waveform. `apply_recording_conditions` applies room, noise and
+microphone in this order. Only `change_speech_speed` changes the timing; after the others, the
+motion still fits the speech.
 """
 
 import math
@@ -34,8 +35,8 @@ class RecordingConditions:
     gain_db: float
 
 
-def draw_recording(rng: np.random.Generator) -> RecordingConditions:
-    """Draw conditions from a good headset to a telephone in a bathroom; one in sixteen is clean."""
+def sample_recording_conditions(rng: np.random.Generator) -> RecordingConditions:
+    """Sample conditions, from a good headset to a telephone in a bathroom; 1 in 16 is clean."""
     bands = (None, None, LAPTOP_HZ, TELEPHONE_HZ)
     has_room, has_noise = rng.random(2) < (0.5, 0.75)
     return RecordingConditions(
@@ -48,10 +49,10 @@ def draw_recording(rng: np.random.Generator) -> RecordingConditions:
     )
 
 
-def apply_recording(
+def apply_recording_conditions(
     waveform: Waveform, recording: RecordingConditions, rng: np.random.Generator
 ) -> Waveform:
-    """Apply recording conditions to speech, without a change of its duration or timing."""
+    """Simulate room, noise, band and gain of a recording; the timing does not change."""
     if recording.rt60_s is not None:
         waveform = add_reverberation(
             waveform, recording.rt60_s, recording.direct_to_reverberant_db, rng
@@ -76,11 +77,7 @@ def apply_gain(waveform: Waveform, gain_db: float) -> Waveform:
 def add_noise(
     waveform: Waveform, snr_db: float, slope_db: float, rng: np.random.Generator
 ) -> Waveform:
-    """Add steady noise; the ratio is that of the whole waveform's power to the noise's.
-
-    Args:
-        slope_db: change of the noise's level per octave.
-    """
+    """Add noise, ``slope_db`` per octave; the ratio is of the whole waveform's power to it."""
     size = len(waveform)
     spectrum = np.fft.rfft(rng.standard_normal(size))
     frequency = np.maximum(np.fft.rfftfreq(size, 1 / SAMPLE_RATE), 20.0)  # flat under 20 Hz
@@ -102,10 +99,7 @@ def impulse_response(
 
 
 def add_reverberation(
-    waveform: Waveform,
-    rt60_s: float,
-    direct_to_reverberant_db: float,
-    rng: np.random.Generator,
+    waveform: Waveform, rt60_s: float, direct_to_reverberant_db: float, rng: np.random.Generator
 ) -> Waveform:
     """Convolve with a room's response; duration and the time of the direct sound are unchanged."""
     response = impulse_response(rt60_s, direct_to_reverberant_db, rng)

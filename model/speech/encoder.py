@@ -49,17 +49,18 @@ speed of both planned wrists in the tiers' units per second."""
 
 
 @dataclass(frozen=True)
-class SpeechCodesConfig:
+class SpeechEncoderConfig:
     """Shape of the trained speech encoder's network."""
 
     speech_dim: int = 68
     width: int = 128
     codes: int = 48
+    """Dimension of the code of each frame."""
     dilations: tuple[int, ...] = (1, 2, 4, 8, 16)
     """Dilations of the convolutions of width three: a context of about one second on either
     side."""
 
     @property
-    def context(self) -> int:
+    def context_frames_per_side(self) -> int:
         """Number of frames of context on either side."""
         return sum(self.dilations)

@@ -6,11 +6,7 @@ from model.speech.wavlm import WavLMEncoder
 
 
 def make_encoder(name: str) -> SpeechEncoder:
-    """Make the encoder ``mel64`` (needs no weights) or ``wavlm`` (needs its weights).
-
-    Raises:
-        ValueError: if the name is unknown, or WavLM's weights are missing.
-    """
+    """Make the encoder ``mel64`` or ``wavlm``; raises ValueError if unknown or without weights."""
     match name:
         case "mel64":
             return MelEncoder()

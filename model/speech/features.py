@@ -40,13 +40,13 @@ class VoiceReference:
     """Level and pitch of a speaker, to which features are relative."""
 
     level_db: float
-    """Level of the loud parts of the speech (dB), comparable to `SpectralFrames.energy_db`."""
+    """Level of the loud parts of the speech (dB), comparable to `SpectralHops.energy_db`."""
     log2_pitch_hz: float
     """Median pitch, log2 of Hz."""
 
 
 @dataclass(frozen=True)
-class SpectralFrames:
+class SpectralHops:
     """Features of sound at 100 Hz, before normalisation by a voice."""
 
     log_mel: Float64[np.ndarray, "hops mels"]
@@ -113,7 +113,7 @@ def _columns(
     return hop_features(hops, voice or _voice_of(hops))
 
 
-def analyse_hops(waveform: Float32[np.ndarray, " N"], first: int, last: int) -> SpectralFrames:
+def analyse_hops(waveform: Float32[np.ndarray, " N"], first: int, last: int) -> SpectralHops:
     """Analyse hops ``first`` to ``last - 1``, with silence outside the waveform.
 
     The steadiness of the first hop's pitch is unknown; it counts as steady.
@@ -125,10 +125,10 @@ def analyse_hops(waveform: Float32[np.ndarray, " N"], first: int, last: int) -> 
     in_range = (hz > low * 1.05) & (hz < high * 0.97)
     pitch = np.log2(hz)
     is_steady = np.abs(np.diff(pitch, prepend=pitch[0])) < 0.15
-    return SpectralFrames(log_mel, energy, pitch, in_range & is_steady)
+    return SpectralHops(log_mel, energy, pitch, in_range & is_steady)
 
 
-def hop_features(hops: SpectralFrames, voice: VoiceReference) -> Float64[np.ndarray, "hops 68"]:
+def hop_features(hops: SpectralHops, voice: VoiceReference) -> Float64[np.ndarray, "hops 68"]:
     """Normalise hops by a voice; the onset strength of the first is unknown, and 0."""
     log_mel = np.maximum(hops.log_mel - voice.level_db, FLOOR_DB)
     energy = np.maximum(hops.energy_db - voice.level_db, FLOOR_DB)
@@ -147,7 +147,7 @@ def hop_features(hops: SpectralFrames, voice: VoiceReference) -> Float64[np.ndar
     )
 
 
-def _voice_of(hops: SpectralFrames) -> VoiceReference:
+def _voice_of(hops: SpectralHops) -> VoiceReference:
     level_db = float(np.percentile(hops.energy_db, SPEECH_PERCENTILE))
     voiced = hops.voiced(level_db)
     return VoiceReference(
@@ -208,19 +208,21 @@ def _fundamental(piece: Float32[np.ndarray, " samples"]) -> Float64[np.ndarray, 
 
 
 def average_over_frames(
-    columns: Float64[np.ndarray, "hops dim"],
+    hop_vectors: Float64[np.ndarray, "hops dim"],
     num_frames: int,
     silence: Float64[np.ndarray, " dim"],
 ) -> Float64[np.ndarray, "num_frames dim"]:
     """Average over ``[k / 30, (k + 1) / 30)`` a signal that is constant over each 10 ms hop."""
     hops_per_second = SAMPLE_RATE / HOP
     needed = int(np.ceil(num_frames / FPS * hops_per_second))
-    if needed > len(columns):
-        columns = np.concatenate([columns, np.tile(silence, (needed - len(columns), 1))])
-    integral = np.concatenate([np.zeros((1, columns.shape[1])), np.cumsum(columns, axis=0)])
+    if needed > len(hop_vectors):
+        hop_vectors = np.concatenate(
+            [hop_vectors, np.tile(silence, (needed - len(hop_vectors), 1))]
+        )
+    integral = np.concatenate([np.zeros((1, hop_vectors.shape[1])), np.cumsum(hop_vectors, axis=0)])
     edges = np.arange(num_frames + 1) * (hops_per_second / FPS)
-    whole = np.minimum(edges.astype(int), len(columns) - 1)
-    at_edges = integral[whole] + (edges - whole)[:, None] * columns[whole]
+    whole = np.minimum(edges.astype(int), len(hop_vectors) - 1)
+    at_edges = integral[whole] + (edges - whole)[:, None] * hop_vectors[whole]
     return np.diff(at_edges, axis=0) * (FPS / hops_per_second)
 
 
@@ -243,11 +245,9 @@ class RunningVoice:
     START = VoiceReference(level_db=28.0, log2_pitch_hz=7.3)
     """Typical voice: loud parts at -18 dB of full scale; 158 Hz."""
     QUIETEST_DB = 0.0
-    """Lowest speech level, -46 dB of full scale: quieter sound stays quiet, however long it
-    lasts."""
+    """Lowest speech level, -46 dB of full scale: quieter sound stays quiet at any length."""
     PERCENTILE = 85.0
-    """Percentile over voiced hops; about the `SPEECH_PERCENTILE` of all hops of speech with
-    pauses."""
+    """Percentile over voiced hops; about `SPEECH_PERCENTILE` over all hops with pauses."""
 
     def __init__(self) -> None:
         start = (
@@ -258,7 +258,7 @@ class RunningVoice:
         self._pitch = deque(start[1], maxlen=self.WINDOW_HOPS)
         self._voice = self.START
 
-    def update(self, hops: SpectralFrames) -> VoiceReference:
+    def update(self, hops: SpectralHops) -> VoiceReference:
         """Update the estimate with the next hops, and return it."""
         voiced: Bool[np.ndarray, " hops"] = hops.voiced(self._voice.level_db)
         if voiced.any():
@@ -270,7 +270,7 @@ class RunningVoice:
         return self._voice
 
 
-class CausalMel:
+class StreamingMelEncoder:
     """Streaming `MelEncoder` for sound that arrives in blocks; past features never change."""
 
     def __init__(self) -> None:
@@ -281,11 +281,7 @@ class CausalMel:
         self._next_hop = 0
 
     def add_samples(self, samples: Float32[np.ndarray, " N"]) -> Float32[np.ndarray, "frames 68"]:
-        """Append samples and return the features of the frames that have become complete.
-
-        Args:
-            samples: the next samples (N,) at 16 kHz, mono; any number.
-        """
+        """Append samples (N,) at 16 kHz, mono, and return the features of completed frames."""
         self._sound = np.concatenate([self._sound, samples])
         there = self._first_hop * HOP + len(self._sound)
         blocks = (there - LOOK_AHEAD) // BLOCK_SAMPLES - self._next_hop * HOP // BLOCK_SAMPLES
@@ -298,7 +294,7 @@ class CausalMel:
         start = self._next_hop - self._first_hop
         before = min(1, start)  # for the onset and the steadiness of the first new hop
         block = analyse_hops(self._sound, start - before, start + hops)
-        new = SpectralFrames(*(values[before:] for values in vars(block).values()))
+        new = SpectralHops(*(values[before:] for values in vars(block).values()))
         columns = hop_features(block, self._voice.update(new))[before:]
         self._next_hop += hops
         self._drop_before(self._next_hop - _NUM_PAST_HOPS)
@@ -311,10 +307,10 @@ class CausalMel:
             self._first_hop = hop
 
 
-def augment_mel(
+def simulate_microphone(
     features: Float[Tensor, "B T 68"], generator: torch.Generator
 ) -> Float[Tensor, "B T 68"]:
-    """Augment features as if recorded by another microphone, with one draw per sample.
+    """Simulate another microphone in the features, with one draw per sample.
 
     Level +-3 dB, a spectral tilt of +-6 dB, sometimes a missing top band, and a floor of coloured
     noise 20 to 60 dB below the speech level. Pitch and voicing are unchanged.
@@ -342,15 +338,15 @@ def augment_mel(
 
 
 def vocal_tract_perturbation(
-    features: Float[Tensor, "B T 68"], lengths: tuple[float, float], generator: torch.Generator
+    features: Float[Tensor, "B T 68"], factor_range: tuple[float, float], generator: torch.Generator
 ) -> Float[Tensor, "B T 68"]:
-    """Stretch the mel bands by one factor per sample between ``lengths``; pitch and energy stay.
+    """Stretch the mel bands by one factor per sample in ``factor_range``; pitch and energy stay.
 
     This is vocal tract length perturbation (Jaitly and Hinton 2013).
     """
-    shortest, longest = lengths
+    lowest, highest = factor_range
     draw = torch.rand(len(features), 1, generator=generator)
-    factor = shortest + (longest - shortest) * draw
+    factor = lowest + (highest - lowest) * draw
     at = (torch.arange(NUM_MELS) * factor).clamp(0, NUM_MELS - 1)
     below = at.long().clamp(max=NUM_MELS - 2)
     share = (at - below)[:, None]

@@ -19,8 +19,8 @@ from model.plan.annotation_files import (
     is_textgrid,
     parse_textgrid,
 )
-from model.speech.word_files import parse_captions, parse_ctm, parse_json, parse_table
-from model.storage.files import read_capped
+from model.speech.word_files import parse_captions, parse_ctm, parse_recogniser_json, parse_table
+from model.storage.files import read_within_limit
 
 MAX_BYTES = 8 * 2**20
 """Size limit of a file in bytes; an hour of speech with all its phones has less than 4 MiB."""
@@ -100,17 +100,17 @@ class WordsFile:
     """Sentences on how the file was read."""
     name: str = ""
     """Name of the file."""
-    length_s: float = 0.0
-    """Time of the end of the file's last word or tier (s)."""
+    end_s: float = 0.0
+    """End of the file's last word or tier (s); 0 for a text without times."""
 
     def within(self, speech_s: float) -> WordsFile:
         """Leave out, with a note, what lies beyond the end of the speech."""
-        if self.length_s <= speech_s + SPARE_S:
+        if self.end_s <= speech_s + SPARE_S:
             return self
         whole = self.transcript
         words = _before(speech_s, whole.words)
         note = (
-            f"{self.name} ends at {self.length_s:.1f} s and the speech at {speech_s:.1f} s; the "
+            f"{self.name} ends at {self.end_s:.1f} s and the speech at {speech_s:.1f} s; the "
             "file may belong to another clip."
         )
         if num_beyond := len(whole.words) - len(words):
@@ -125,14 +125,14 @@ class WordsFile:
             gestures={name: rows for name, rows in gestures.items() if rows},
             accents=tuple(accent for accent in whole.accents if accent.time_s < speech_s),
         )
-        return replace(self, transcript=transcript, notes=(*self.notes, note), length_s=speech_s)
+        return replace(self, transcript=transcript, notes=(*self.notes, note), end_s=speech_s)
 
 
 def _before(end_s: float, rows: Iterable[AnyInterval]) -> tuple[AnyInterval, ...]:
     return tuple(replace(row, end_s=min(row.end_s, end_s)) for row in rows if row.start_s < end_s)
 
 
-def read_transcript(path: str | Path) -> Transcript:
+def read_textgrid_transcript(path: str | Path) -> Transcript:
     """Read the words, phones, gestures and accents of a TextGrid in one of Praat's text formats.
 
     Pauses are left out. Words are taken from the tier with a name in `WORD_TIERS`, or from the only
@@ -148,14 +148,14 @@ def read_transcript(path: str | Path) -> Transcript:
     return _of_grid(text, path.name).transcript
 
 
-def read_words(path: str | Path) -> WordsFile:
+def read_words_file(path: str | Path) -> WordsFile:
     """Read a TextGrid, a file of timed words or captions (`ENDINGS`), or a plain text (.txt, .lab).
 
     Captions and segments of more than one word each are returned as a text without times.
 
     Raises:
-        TranscriptError: as `read_transcript`, or if another file is too large, damaged, or has no
-            words.
+        TranscriptError: as `read_textgrid_transcript`, or if another file is too large, damaged, or
+            has no words.
     """
     path = Path(path)
     name, ending = path.name, path.suffix.lower()
@@ -166,7 +166,7 @@ def read_words(path: str | Path) -> WordsFile:
     rows: list[Interval] | None = None
     match ending:
         case ".json":
-            rows, num_untimed = parse_json(text, name, TranscriptError)
+            rows, num_untimed = parse_recogniser_json(text, name, TranscriptError)
             if num_untimed:
                 notes += (f"{num_untimed} words of {name} have no times and are left out.",)
         case ".srt" | ".vtt":
@@ -189,7 +189,9 @@ def read_words(path: str | Path) -> WordsFile:
 
 
 def _text_in(path: Path) -> tuple[str, tuple[str, ...]]:
-    return decode_text(read_capped(path, MAX_BYTES, TranscriptError), path.name, TranscriptError)
+    return decode_text(
+        read_within_limit(path, MAX_BYTES, TranscriptError), path.name, TranscriptError
+    )
 
 
 def _plain(text: str, name: str) -> str:
@@ -206,20 +208,20 @@ def _plain(text: str, name: str) -> str:
 def _of_rows(rows: Sequence[Interval], name: str, are_words: bool = False) -> WordsFile:
     """Make words, if most rows hold one each, or else the text of all rows, to be aligned."""
     intervals = _intervals(rows, "word", name)
-    length_s = max((row.end_s for row in intervals), default=0.0)
+    end_s = max((row.end_s for row in intervals), default=0.0)
     count = sum(len(row.text.split()) for row in intervals)
     if are_words or count <= MOST_IN_A_ROW * len(intervals):
         if not intervals:
             raise TranscriptError(f"{name} holds no words.")
         words = tuple(Word(row.start_s, row.end_s, row.text) for row in intervals)
-        return WordsFile(Transcript(words), name=name, length_s=length_s)
+        return WordsFile(Transcript(words), name=name, end_s=end_s)
     text = _plain(" ".join(row.text for row in intervals), name)
     note = f"{name} has times for sentences only; the times of its words are found by alignment."
     return WordsFile(text=text, notes=(note,), name=name)
 
 
 def _of_grid(text: str, name: str) -> WordsFile:
-    parsed, length_s = parse_textgrid(text, name, TranscriptError)
+    parsed, end_s = parse_textgrid(text, name, TranscriptError)
     tiers = [tier for tier in parsed if not tier.has_points]
     of_words = _word_tier(tiers, name)
     is_named = _kind_of(of_words.name) == "words"  # then its rows are words, whatever they hold
@@ -243,8 +245,8 @@ def _of_grid(text: str, name: str) -> WordsFile:
         accents=_accents(parsed),
     )
     last_s = max((row.end_s for row in of_words.rows), default=0.0)
-    length_s = last_s if isnan(length_s) else length_s
-    return replace(from_words, transcript=transcript, length_s=length_s)
+    end_s = last_s if isnan(end_s) else end_s
+    return replace(from_words, transcript=transcript, end_s=end_s)
 
 
 def _kind_of(name: str) -> Literal["words", "phones", ""]:
@@ -259,11 +261,7 @@ def _speaker(name: str) -> str:
 
 
 def _word_tier(tiers: Sequence[NamedTier], name: str) -> NamedTier:
-    """Return the only tier of words.
-
-    Raises:
-        TranscriptError: if there is none, or there are several.
-    """
+    """Return the tier of words; raises TranscriptError unless there is exactly one."""
     named = [tier for tier in tiers if _kind_of(tier.name) == "words"]
     _refuse_same_names(named, name)
     plain = [tier for tier in named if not _speaker(tier.name)]

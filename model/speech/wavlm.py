@@ -30,11 +30,7 @@ class WavLMEncoder:
     name = "wavlm"
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Load the weights, by default from the folder in ``WAVLM_DIR``.
-
-        Raises:
-            EncoderError: if the folder or the ``transformers`` package is missing.
-        """
+        """Load weights, by default from ``WAVLM_DIR``; raises EncoderError without them."""
         folder = folder or Path(os.environ.get(WEIGHTS_VARIABLE, ""))
         if folder == Path() or not (folder / "config.json").is_file():
             raise EncoderError(
@@ -51,10 +47,10 @@ class WavLMEncoder:
         return self._hear(padded.reshape(-1, WINDOW_SAMPLES)).flatten(0, 1).numpy()[:num_frames]
 
 
-def load_speech_model(folder: Path, name: str) -> tuple[SpeechModel, int]:
+def load_speech_model(folder: Path, class_name: str) -> tuple[SpeechModel, int]:
     """Load a model of transformers by its class name and its folder of weights.
 
-    Returns an encoder of windows of speech, and the dimension of its features.
+    Returns an encoder of windows of speech, and the feature dimension.
 
     Raises:
         EncoderError: if the package is not installed, or the weights cannot be read.
@@ -67,7 +63,7 @@ def load_speech_model(folder: Path, name: str) -> tuple[SpeechModel, int]:
             "encoder mel64 or prepared features."
         ) from error
     try:
-        model = getattr(transformers, name).from_pretrained(folder, local_files_only=True)
+        model = getattr(transformers, class_name).from_pretrained(folder, local_files_only=True)
     except (OSError, ValueError, RuntimeError) as error:
         raise EncoderError(
             f"The speech model in {folder} cannot be loaded: {str(error).splitlines()[0]}"

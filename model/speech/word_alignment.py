@@ -13,7 +13,7 @@ import re
 import signal
 import unicodedata
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -89,7 +89,7 @@ def pronounce_text(text: str, lookup: Lookup) -> list[Pronunciation]:
 
 def _pronounce(piece: str, lookup: Lookup) -> Pronunciation | None:
     written = _OUTER.sub("", piece)
-    plain = _plain(written)
+    plain = _without_accents(written).lower()
     if re.fullmatch(r"[a-z']+", plain) and (phones := lookup(plain)):
         return Pronunciation(written, plain, phones)
     parts = [
@@ -103,10 +103,6 @@ def _pronounce(piece: str, lookup: Lookup) -> Pronunciation | None:
     return Pronunciation(written, None, phones) if phones else None
 
 
-def _plain(written: str) -> str:
-    return _without_accents(written).lower()
-
-
 def _without_accents(written: str) -> str:
     return "".join(letter for letter in unicodedata.normalize("NFKD", written) if letter.isascii())
 
@@ -115,7 +111,7 @@ def _sound_of(part: str, lookup: Lookup) -> str:
     if part in _SIGNS:
         return _phones_of(_SIGNS[part], lookup)
     if part[0].isdigit():
-        return " ".join(_phones_of(word, lookup) for word in number_words(part))
+        return " ".join(_phones_of(word, lookup) for word in spell_out_number(part))
     if part.isupper() and 1 < len(part) <= _MAX_ABBREVIATION:
         return " ".join(_LETTER_NAMES[letter] for letter in part.lower())
     return _phones_of(part.lower(), lookup)
@@ -125,7 +121,7 @@ def _phones_of(word: str, lookup: Lookup) -> str:
     return lookup(word) or _by_rules(word)
 
 
-def number_words(digits: str) -> list[str]:
+def spell_out_number(digits: str) -> list[str]:
     """Return the words with which a number is read out: ``1,250.5`` as twelve fifty point five."""
     whole, _, fraction = digits.replace(",", "").partition(".")
     words = (
@@ -186,22 +182,26 @@ _FILLERS = "<[+"
 
 
 @dataclass
-class TimedWord:
-    """A word with its times in frames of the recogniser, and its phones."""
+class RecogniserWord:
+    """A word with its times in frames of the recogniser (100 Hz), and its phones."""
 
     text: str
     start_frame: int
     end_frame: int
     """First frame after the word."""
-    confidence: float
     phones: list[tuple[str, int, int]] = field(default_factory=list)
+    confidence: float = 0.0
+    """Probability, 0 to 1."""
+    fit: float = _NO_FIT
+    """Mean score of the frames of its phones; 0 is the best."""
 
-    def delayed(self, frames: int) -> TimedWord:
+    def delayed(self, frames: int) -> RecogniserWord:
         """Return the word delayed by a number of frames."""
         phones = [(name, start + frames, end + frames) for name, start, end in self.phones]
-        return TimedWord(
-            self.text, self.start_frame + frames, self.end_frame + frames, self.confidence, phones
-        )
+        return replace(
+            self, start_frame=self.start_frame + frames, end_frame=self.end_frame + frames,
+            phones=phones,
+        )  # fmt: skip
 
     def as_intervals(self) -> tuple[Word, tuple[Interval, ...]]:
         """Convert the word and its phones to seconds, for the parent process."""
@@ -232,7 +232,7 @@ def piece_ranges(waveform: Int16[np.ndarray, " N"]) -> Iterator[tuple[int, int]]
     yield start * step, len(waveform)
 
 
-def recognise(waveform: Int16[np.ndarray, " N"]) -> list[TimedWord]:
+def recognise(waveform: Int16[np.ndarray, " N"]) -> list[RecogniserWord]:
     """Return the most likely words of the speech, however unlikely they are."""
     decoder = _decoder()
     words = []
@@ -244,8 +244,11 @@ def recognise(waveform: Int16[np.ndarray, " N"]) -> list[TimedWord]:
         decoder.activate_search()
         at = start * FRAMES_PER_S // SAMPLE_RATE
         for number, segment in enumerate(segments):
-            word = TimedWord(
-                segment.word.split("(")[0], segment.start_frame, segment.end_frame + 1, segment.prob
+            word = RecogniserWord(
+                segment.word.split("(")[0],
+                segment.start_frame,
+                segment.end_frame + 1,
+                confidence=segment.prob,
             )
             if len(fitted) == len(segments):
                 word.phones = fitted[number].phones
@@ -253,7 +256,7 @@ def recognise(waveform: Int16[np.ndarray, " N"]) -> list[TimedWord]:
     return words
 
 
-def align(waveform: Int16[np.ndarray, " N"], text: str) -> list[TimedWord]:
+def align(waveform: Int16[np.ndarray, " N"], text: str) -> list[RecogniserWord]:
     """Align a text with the speech and return its words; none if no alignment exists."""
     decoder = _decoder(lm=None)
     spoken = pronounce_text(text, decoder.lookup_word)
@@ -282,8 +285,8 @@ def _align_part(
     rough: list[tuple[int, int]],
     start: int,
     stop: int,
-) -> list[TimedWord]:
-    """Return the aligned words of a part, with their fit as their confidence.
+) -> list[RecogniserWord]:
+    """Return the aligned words of a part, with their fit but no confidence.
 
     If the alignment fails, each half is tried alone, so that one wrong sentence spoils little.
     """
@@ -295,7 +298,7 @@ def _align_part(
     if len(fitted) == len(names):
         return [word.delayed(start) for word in fitted]
     if len(names) == 1:
-        return [TimedWord("", *rough[0], _NO_FIT)]
+        return [RecogniserWord("", *rough[0])]
     cut = max(
         range(1 + (len(names) - 1) // 3, 1 + 2 * len(names) // 3),
         key=lambda number: rough[number][0] - rough[number - 1][1],
@@ -367,7 +370,7 @@ def _parts(times: list[tuple[int, int]], end: int) -> Iterator[tuple[int, int, i
         first = last
 
 
-def _align_phones(decoder: Any, sound: bytes) -> list[TimedWord]:
+def _align_phones(decoder: Any, sound: bytes) -> list[RecogniserWord]:
     """Align the words that were just decoded again, for phones and scores; none if this fails."""
     try:
         decoder.set_alignment()
@@ -383,20 +386,20 @@ def _align_phones(decoder: Any, sound: bytes) -> list[TimedWord]:
         start, end = phones[0][1], phones[-1][1] + phones[-1][2]
         fit = sum(score for *_, score in phones) / max(1, end - start)
         spans.append(
-            TimedWord(
+            RecogniserWord(
                 word.name,
                 start,
                 end,
-                fit,
                 [(name, begin, begin + length) for name, begin, length, _ in phones],
+                fit=fit,
             )
         )
     return spans
 
 
-def _likelihoods(words: list[TimedWord]) -> list[float]:
+def _likelihoods(words: list[RecogniserWord]) -> list[float]:
     """Convert each word's fit, averaged with those of its neighbours, to a likelihood."""
-    fits = np.array([word.confidence for word in words])
+    fits = np.array([word.fit for word in words])
     frames = np.array([word.end_frame - word.start_frame for word in words], np.float64)
     reach = _FIT_WORDS // 2
     batches = []

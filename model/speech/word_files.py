@@ -49,11 +49,7 @@ def parse_table(text: str, is_label_file: bool = False) -> list[Interval] | None
 
 
 def parse_ctm(text: str, name: str, error: type[ValueError]) -> list[Interval]:
-    """Parse lines of recording, channel, start, duration and word, in seconds.
-
-    Raises:
-        error: if a line is not of this form, or the lines are of several recordings.
-    """
+    """Parse lines of recording, channel, start, duration (s) and word; raises ``error``."""
     spans: list[tuple[float, float, str]] = []
     recordings: dict[str, None] = {}
     for number, line in enumerate(text.splitlines(), 1):
@@ -94,7 +90,9 @@ def parse_captions(text: str) -> list[Interval]:
     return list(_labelled(spans))
 
 
-def parse_json(text: str, name: str, error: type[ValueError]) -> tuple[list[Interval], int]:
+def parse_recogniser_json(
+    text: str, name: str, error: type[ValueError]
+) -> tuple[list[Interval], int]:
     """Parse the words of Whisper, WhisperX or Gentle, or else the segments of Whisper.
 
     Returns:

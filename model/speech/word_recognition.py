@@ -44,7 +44,7 @@ MISMATCH_NOTE = (
 PART_NOTE = (
     "{unsure} of the {count} words of the text were not found in the speech and are left out."
 )
-FAILED_NOTE = "Words could not be found in the speech, so the results have none: {why}."
+FAILED_NOTE = "The results contain no words, because finding them in the speech failed: {why}."
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,6 @@ class WordRecognition:
         """Start the recognition or alignment.
 
         Args:
-            waveform: speech (N,) at 16 kHz, mono, full scale 1.
             text: the text to align; None to recognise the words.
         """
         self._is_aligned = text is not None
@@ -91,7 +90,7 @@ class WordRecognition:
 
     def __exit__(self, *_: object) -> None:
         if self._child is not None:
-            self._child.end()
+            self._child.kill()
 
     def is_over(self, wait_s: float = 0.0) -> bool:
         """Check whether the result is ready, waiting at most ``wait_s`` seconds."""

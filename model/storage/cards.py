@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from conventions.names import safe_file_stem
-from model.storage.files import read_capped
+from model.storage.files import read_within_limit
 
 MAX_CARD_BYTES = 10**7
 BUNDLED_WEIGHTS = Path(__file__).parents[1] / "weights"
@@ -16,7 +16,7 @@ DEFAULT_SPEAKER_PAIR = "hana", "june"
 """The calmest speaker of the bundled weights, and a lively one."""
 
 
-def parse_speaker_pair(text: str) -> tuple[str, str]:
+def parse_calm_and_lively_speaker(text: str) -> tuple[str, str]:
     """Parse the names of the calm and the lively speaker; raises ValueError if they are not two."""
     calm, comma, lively = text.partition(",")
     if not (calm and comma and lively) or calm == lively:
@@ -46,11 +46,7 @@ class WeightsCard(dict[str, Any]):
 
     @contextmanager
     def reporting_errors(self) -> Iterator[None]:
-        """Convert errors within the context, from missing or invalid entries, to messages.
-
-        Raises:
-            CheckpointError: with what is missing, or of another kind.
-        """
+        """Convert errors from missing or invalid entries to CheckpointError in the context."""
         try:
             yield
         except (KeyError, TypeError, AttributeError) as error:
@@ -80,11 +76,7 @@ class WeightsCard(dict[str, Any]):
             return self["config"][name]
 
     def config(self, kind: type[T], part: str) -> T:
-        """Return a part of the training's settings as a dataclass.
-
-        Raises:
-            CheckpointError: if there is none, or it has fields that this version does not have.
-        """
+        """Return a part of the settings as a dataclass; raises CheckpointError if invalid."""
         try:
             with self.reporting_errors():
                 return from_dict(kind, self["config"][part])
@@ -96,13 +88,13 @@ class WeightsCard(dict[str, Any]):
             ) from None
 
     @property
-    def training_hours(self) -> float:
+    def training_data_hours(self) -> float:
         """Duration of the training data (h); 0 if unknown."""
         with self.reporting_errors():
             return _number(self.get("training_hours") or 0.0, float)
 
     @property
-    def steps(self) -> int | None:
+    def training_steps(self) -> int | None:
         """Number of training steps; None if unknown."""
         return self.get("steps")
 
@@ -121,15 +113,11 @@ def _number(value: Any, kind: Callable[[Any], T]) -> T:
 
 
 def load_card(folder: Path, system: str) -> WeightsCard:
-    """Load the card of a system.
-
-    Raises:
-        CheckpointError: if it is missing or no JSON object.
-    """
+    """Load the card of a system; raises CheckpointError if it is missing or no JSON object."""
     path = folder / f"{safe_file_stem(system)}.json"
     if not path.exists():
         raise CheckpointError(f"{path} is missing; train {system} or pass --weights.")
-    content = read_capped(path, MAX_CARD_BYTES, CheckpointError)
+    content = read_within_limit(path, MAX_CARD_BYTES, CheckpointError)
     try:
         card = json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -140,11 +128,7 @@ def load_card(folder: Path, system: str) -> WeightsCard:
 
 
 def override_setting(config: T, setting: str) -> T:
-    """Return the config with one field changed by ``outer.inner=value``; the value is JSON or text.
-
-    Raises:
-        ValueError: if there is no such field, or the value has another type.
-    """
+    """Return the config with one field changed by ``outer.inner=value``; raises ValueError."""
     path, equals, value_text = setting.partition("=")
     if not equals:
         raise ValueError(f"{setting!r} is not a setting; write it as field=value.")
@@ -173,7 +157,7 @@ def _of_kind(path: str, old: Any, new: Any) -> Any:
         return float(new)
     same = isinstance(new, list) if isinstance(old, tuple) else type(new) is type(old)
     if not same:
-        raise ValueError(f"{path} is {old!r}; {new!r} has another type.")
+        raise ValueError(f"{path} must have the same type as {old!r}; got {new!r}.")
     return new
 
 
@@ -183,11 +167,7 @@ def to_json(config: Any) -> str:
 
 
 def from_dict(cls: type[T], values: dict[str, Any]) -> T:
-    """Make a (nested) config from parsed JSON.
-
-    Raises:
-        ValueError: if this version does not have a field.
-    """
+    """Make a (nested) config from parsed JSON; raises ValueError for an unknown field."""
     if not is_dataclass(cls):
         raise TypeError(f"{cls} is not a config.")
     unknown = sorted(set(values) - {f.name for f in fields(cls)})

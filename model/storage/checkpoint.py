@@ -19,7 +19,7 @@ from torch import Tensor
 
 from conventions.names import safe_file_stem
 from model.storage.cards import CheckpointError, WeightsCard, load_card
-from model.storage.files import read_capped, write_atomically
+from model.storage.files import read_within_limit, write_atomically
 
 KEEP_FLOAT32 = ("normaliser.", "prior.")
 
@@ -37,24 +37,21 @@ def save_weights(
     }
     content = save(packed)
     card = {"system": system, "sha256": hashlib.sha256(content).hexdigest(), **card}
-    for suffix, data in ((".safetensors", content), (".json", _json_bytes(card))):
+    card_json = (json.dumps(card, indent=1) + "\n").encode()
+    for suffix, data in ((".safetensors", content), (".json", card_json)):
         path = folder / (safe_file_stem(system) + suffix)
         write_atomically(path, data)
 
 
 def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], WeightsCard]:
-    """Load the tensors (as float32) and the card of a system.
-
-    Raises:
-        CheckpointError: if a file is missing or damaged, or the sha256 differs from the card's.
-    """
+    """Load tensors (as float32) and card; raises CheckpointError if missing or damaged."""
     card = load_card(folder, system)
     path = folder / f"{safe_file_stem(system)}.safetensors"
-    content = read_capped(path, MAX_BYTES, CheckpointError)
+    content = read_within_limit(path, MAX_BYTES, CheckpointError)
     digest = hashlib.sha256(content).hexdigest()
     if digest != card.sha256:
         raise CheckpointError(
-            f"{path} has sha256 {digest[:12]}..., its card says {card.sha256[:12]}...; "
+            f"{path} has the sha256 {digest[:12]}..., but its card states {card.sha256[:12]}...; "
             "restore both files from the same source."
         )
     try:
@@ -67,11 +64,7 @@ def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], WeightsC
 def load_module(
     module: torch.nn.Module, tensors: dict[str, Shaped[Tensor, " ..."]], prefix: str, name: str
 ) -> None:
-    """Copy the tensors that start with ``prefix`` into ``module``, all of them and no other.
-
-    Raises:
-        CheckpointError: with the first tensor that differs, and how many do.
-    """
+    """Copy exactly the tensors with a prefix into ``module``; raises CheckpointError."""
     state = {key.removeprefix(prefix): t for key, t in tensors.items() if key.startswith(prefix)}
     wrong = tensor_mismatches(module.state_dict(), state)
     if wrong:
@@ -90,12 +83,8 @@ def tensor_mismatches(
             wrong.append(f"{key} is missing")
         elif tensors[key].shape != tensor.shape:
             shapes = (list(tensors[key].shape), list(tensor.shape))
-            wrong.append(f"{key} is of shape {shapes[0]} in place of {shapes[1]}")
-    return wrong + [f"{key} is not known" for key in tensors if key not in expected]
-
-
-def _json_bytes(card: dict) -> bytes:
-    return (json.dumps(card, indent=1, sort_keys=False) + "\n").encode()
+            wrong.append(f"{key} has the shape {shapes[0]} instead of {shapes[1]}")
+    return wrong + [f"{key} is not part of the network" for key in tensors if key not in expected]
 
 
 MAX_BYTES = 2 * 10**9
@@ -171,7 +160,6 @@ def check_tensors(
     """Check that tensors are all those of a network, no others, and finite.
 
     Args:
-        name: name of their file.
         network: the required network, as part of a sentence.
         advice: which file to use, as the end of a sentence.
 
@@ -185,6 +173,6 @@ def check_tensors(
     unknown = [key for key, tensor in tensors.items() if not tensor.isfinite().all()]
     if unknown:
         raise CheckpointError(
-            f"{name} holds values that are not finite (NaN or infinite), in {unknown[0]} first; "
+            f"{name} holds values that are not finite (NaN or infinite), first in {unknown[0]}; "
             "give another copy or epoch."
         )

@@ -76,16 +76,12 @@ def written_atomically(path: str | Path) -> Iterator[Path]:
 
 
 def write_atomically(path: str | Path, content: str | bytes) -> None:
-    """Write a whole file atomically; text in UTF-8, with its line ends unchanged.
-
-    Raises:
-        WriteError: as `written_atomically`.
-    """
+    """Write a file atomically, text in UTF-8 as it is; raises WriteError."""
     with written_atomically(path) as part:
         part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
 
 
-def read_capped(path: Path, max_bytes: int, error: type[ValueError]) -> bytes:
+def read_within_limit(path: Path, max_bytes: int, error: type[ValueError]) -> bytes:
     """Read a file's content; raises ``error`` with one sentence if it is missing or too large."""
     if path.exists() and not path.is_file():  # a pipe would never end, nor a device
         raise error(f"{path.name} could not be read: it is not a regular file.")
@@ -131,22 +127,22 @@ def file_sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-FileVersions = tuple[tuple[str, int, int], ...]
+FileStamps = tuple[tuple[str, int, int], ...]
 """Path, size and time of change of files: a key by which a cache sees that one was replaced."""
 
 
-def file_versions(paths: Iterable[Path]) -> FileVersions:
-    """Return the versions of the files that exist among ``paths``, in the order of their paths."""
-    versions = []
+def file_stamps(paths: Iterable[Path]) -> FileStamps:
+    """Return the stamps of the files that exist among ``paths``, in the order of their paths."""
+    stamps = []
     for path in sorted(paths):
         with suppress(OSError):  # it may be replaced meanwhile
             state = path.stat()
-            versions.append((str(path), state.st_size, state.st_mtime_ns))
-    return tuple(versions)
+            stamps.append((str(path), state.st_size, state.st_mtime_ns))
+    return tuple(stamps)
 
 
-class LongDirectoryError(zipfile.BadZipFile):
-    """A zip whose directory is longer than its reader allows."""
+class ZipDirectoryTooLargeError(zipfile.BadZipFile):
+    """A zip with a central directory longer than its reader allows."""
 
 
 class _LimitedReader(io.BufferedReader):
@@ -154,7 +150,7 @@ class _LimitedReader(io.BufferedReader):
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is not None and size > self.max_read:
-            raise LongDirectoryError(f"a directory of {size} bytes")
+            raise ZipDirectoryTooLargeError(f"a directory of {size} bytes")
         return super().read(size)
 
 
@@ -163,7 +159,7 @@ def open_limited_zip(path: Path, max_directory_bytes: int) -> Iterator[zipfile.Z
     """Open a zip; its directory, which `zipfile` reads whole and at once, is of limited length.
 
     Raises:
-        LongDirectoryError: if it is longer; nothing of it was read.
+        ZipDirectoryTooLargeError: if it is longer; nothing of it was read.
         OSError, ValueError, NotImplementedError, BadZipFile: as `zipfile.ZipFile`.
     """
     with path.open("rb", buffering=0) as raw, _LimitedReader(raw) as file:

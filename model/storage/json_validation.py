@@ -23,45 +23,35 @@ _UNKNOWN = "unexpected_keyword_argument", "extra_forbidden"
 T = TypeVar("T")
 
 
-class FieldError(ValueError):
-    """An invalid file; the message describes the problem as the end of a sentence."""
+class InvalidJsonError(ValueError):
+    """An invalid JSON file; the message describes the problem as the end of a sentence."""
 
 
 def rename_keys(values: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
-    """Return values under present keys.
-
-    Args:
-        names: present keys by former ones; other keys stay.
-    """
+    """Return values with former keys replaced by the present ones in ``names``."""
     return {names.get(key, key): value for key, value in values.items()}
 
 
 def read_json(path: Path, kind: type[T], max_bytes: int) -> T:
-    """Read the JSON of a file as a ``kind``.
-
-    Raises:
-        FieldError: if it is too large, unreadable, no JSON, or not of this type.
-    """
+    """Read JSON of a ``kind``; raises InvalidJsonError if too large, unreadable or wrong."""
     try:
         with path.open("rb") as file:
             content = file.read(max_bytes + 1)
     except OSError as error:
-        raise FieldError(f"it cannot be read ({error.strerror or 'unknown reason'})") from error
+        raise InvalidJsonError(
+            f"it cannot be read ({error.strerror or 'unknown reason'})"
+        ) from error
     if len(content) > max_bytes:
-        raise FieldError(f"it is larger than the {max_bytes:,} bytes that are read")
+        raise InvalidJsonError(f"it is larger than the {max_bytes:,} bytes that are read")
     return parse_json(content, kind)
 
 
 def parse_json(content: bytes | str, kind: type[T], context: Any = None) -> T:
-    """Parse JSON as a ``kind``.
-
-    Raises:
-        FieldError: if it is not of this type.
-    """
+    """Parse JSON as a ``kind``; raises InvalidJsonError if it is not of this type."""
     try:
         return type_adapter(kind).validate_json(content, context=context)
     except ValidationError as error:
-        raise FieldError(validation_message(error)) from error
+        raise InvalidJsonError(validation_message(error)) from error
 
 
 @functools.cache

@@ -20,8 +20,7 @@ MAX_BYTES = 512 * 2**20
 MAX_FILE_BYTES = 160 * 2**20
 """Largest file that is opened at all (bytes); an hour of BEAT2's uncompressed arrays is 153 MiB."""
 MAX_ABS_VALUE = 1000.0
-"""Largest absolute value in a motion; radians, metres and coefficients of real motions are far
-below."""
+"""Largest absolute value in a motion; real radians, metres and coefficients are far below."""
 
 _MAX_ENTRIES = 64
 
@@ -33,27 +32,18 @@ class MotionError(ValueError):
 
 
 def check_size(path: Path) -> None:
-    """Check that a file is small enough to be opened.
-
-    Raises:
-        MotionError: if it is too large.
-    """
+    """Check that a file is small enough to be opened; raises MotionError if it is too large."""
     size = path.stat().st_size
     if size > MAX_FILE_BYTES:
         raise MotionError(
-            f"{path.name} has {size / 2**20:.0f} MiB; at most {MAX_FILE_BYTES // 2**20} MiB are "
+            f"{path.name} is {size / 2**20:.0f} MiB; at most {MAX_FILE_BYTES // 2**20} MiB are "
             "read. Cut it first."
         )
 
 
 @contextmanager
 def open_archive(path: Path, content: io.BytesIO | None = None) -> Iterator[zipfile.ZipFile]:
-    """Open the archive at ``path``, or ``content`` in its place.
-
-    Raises:
-        MotionError: if the file is missing, too large, or no readable archive, also while it is
-            being read; one sentence names it.
-    """
+    """Open ``path`` or ``content``; raises MotionError, also while it is being read."""
     if not path.is_file():
         kind = "is a folder, not a motion file" if path.is_dir() else "does not exist"
         raise MotionError(f"{path.name} {kind}; give a BEAT2 motion file (.npz).")

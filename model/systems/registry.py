@@ -10,7 +10,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
 import model.systems
-from model.generation.family import Family, FamilyError, Topic
+from model.generation.family import Family, FamilyUnavailableError, Topic
 from model.sampling.samplers import UnknownNameError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, WeightsCard
 
@@ -22,12 +22,8 @@ GROUP = "co_speech_motion.families"
 _NAME = re.compile(r"[a-z0-9][a-z0-9.-]*(/[a-z0-9][a-z0-9.-]*)?")
 
 
-def register_installed(register: Callable[[Family], None]) -> tuple[str, ...]:
-    """Pass every family of another package to ``register``, in the order of their names.
-
-    Returns:
-        A sentence on each family that is not available.
-    """
+def register_installed_reporting_failures(register: Callable[[Family], None]) -> tuple[str, ...]:
+    """Register other packages' families by name; return a sentence on each failure."""
     sentences = []
     for entry in sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value)):
         try:
@@ -40,30 +36,26 @@ def register_installed(register: Callable[[Family], None]) -> tuple[str, ...]:
 
 
 def check_family(family: object) -> None:
-    """Check that the object of an entry point is a complete family.
-
-    Raises:
-        FamilyError: if it is not a family, or a required declaration is missing.
-    """
+    """Check that an entry point's object is a complete family; raises FamilyUnavailableError."""
     if not isinstance(family, Family):
-        raise FamilyError(f"its entry point is a {type(family).__name__}, not a Family.")
+        raise FamilyUnavailableError(f"its entry point is a {type(family).__name__}, not a Family.")
     for name in family.network_names:
         if not _NAME.fullmatch(name):
-            raise FamilyError(
-                f"the name {name!r} must be small letters, digits, dots and dashes, with one slash "
-                "or none."
+            raise FamilyUnavailableError(
+                f"the name {name!r} must consist of lower-case letters, digits, dots and dashes, "
+                "with at most one slash."
             )
     for name in family.systems:
         if name not in family.descriptions:
-            raise FamilyError(f"it has no description of {name}.")
+            raise FamilyUnavailableError(f"it has no description of {name}.")
         if not family.samplers_of(name):
-            raise FamilyError(f"{name} has no sampler.")
-    if family.weights is None:
+            raise FamilyUnavailableError(f"{name} has no sampler.")
+    if family.shipped_weights_folder is None:
         return
-    for name in family.systems_in(family.weights):
-        speakers = family.card(name, family.weights).get("speakers")
+    for name in family.available_systems(family.shipped_weights_folder):
+        speakers = family.card(name, family.shipped_weights_folder).get("speakers")
         if not isinstance(speakers, dict) or not speakers:
-            raise FamilyError(f"the card of {name} names no speakers.")
+            raise FamilyUnavailableError(f"the card of {name} names no speakers.")
 
 
 def _entry_label(entry: Any) -> str:
@@ -74,7 +66,9 @@ def _entry_label(entry: Any) -> str:
 
 def _why(error: BaseException) -> str:
     reason = " ".join(str(error).split())
-    sentence = reason if isinstance(error, FamilyError) else f"{type(error).__name__}: {reason}"
+    sentence = (
+        reason if isinstance(error, FamilyUnavailableError) else f"{type(error).__name__}: {reason}"
+    )
     return sentence if sentence.endswith(".") else f"{sentence}."
 
 
@@ -96,29 +90,21 @@ def families() -> tuple[Family, ...]:
 
 
 def register(family: Family) -> None:
-    """Add a family.
-
-    Raises:
-        FamilyError: if one of its names is taken.
-    """
+    """Add a family; raises FamilyUnavailableError if one of its names is taken."""
     taken = {name for existing in _FAMILIES for name in (existing.name, *existing.network_names)}
     doubles = [name for name in (family.name, *family.network_names) if name in taken]
     if doubles:
-        raise FamilyError(f"the name {doubles[0]!r} is already used by another family.")
+        raise FamilyUnavailableError(f"the name {doubles[0]!r} is already used by another family.")
     _FAMILIES.append(family)
 
 
-def unavailable_families() -> tuple[str, ...]:
+def unavailable_family_messages() -> tuple[str, ...]:
     """Return a sentence on each installed family of another package that is not available."""
     return _LEFT_OUT
 
 
 def family_of(name: str) -> Family:
-    """Return the family of a system or helper.
-
-    Raises:
-        UnknownNameError: with the names of all systems and helpers.
-    """
+    """Return the family of a system or helper; raises UnknownNameError naming those that exist."""
     for family in _FAMILIES:
         if name in family.network_names:
             return family
@@ -136,22 +122,22 @@ def planning_systems() -> tuple[str, ...]:
     return tuple(name for family in _FAMILIES for name in family.planning_systems)
 
 
-def default_planner() -> str:
-    """Return the system that provides plans by default."""
+def default_planning_system() -> str:
+    """Return the name of the system that provides plans by default."""
     return planning_systems()[0]
 
 
-def sampler_title(name: str) -> str:
+def sampler_title(sampler: str) -> str:
     """Return the title of a sampler for users."""
     systems = ((family, system) for family in _FAMILIES for system in family.systems)
-    samplers = (sampler for family, system in systems for sampler in family.samplers_of(system))
-    titles = (sampler.title for sampler in samplers if sampler.name == name and sampler.title)
-    return next(titles, name)
+    choices = (each for family, system in systems for each in family.samplers_of(system))
+    titles = (each.title for each in choices if each.name == sampler and each.title)
+    return next(titles, sampler)
 
 
 def list_systems(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
     """Return the systems with weights in ``folder``, in the order of the families."""
-    return tuple(name for family in _FAMILIES for name in family.systems_in(folder))
+    return tuple(name for family in _FAMILIES for name in family.available_systems(folder))
 
 
 def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> WeightsCard:
@@ -159,7 +145,7 @@ def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> WeightsCard:
     return family_of(name).card(name, folder)
 
 
-def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
+def shared_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
     """Return the speakers shared by all systems in ``folder``, in the order of numbers.
 
     Systems of other packages count only if there are no others.
@@ -173,8 +159,8 @@ def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
     return tuple(sorted(shared, key=lambda name: tables[0][name]))
 
 
-def system_files(name: str, folder: Path = BUNDLED_WEIGHTS) -> Iterator[Path]:
-    """Yield every file of which a system may consist; none for an unknown system.
+def possible_system_files(name: str, folder: Path = BUNDLED_WEIGHTS) -> Iterator[Path]:
+    """Yield every file of which a system may consist, and others; none for an unknown system.
 
     They are all weights and cards of its folder, and the files named for its family.
     """
@@ -194,7 +180,7 @@ def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> "System":
     Raises:
         UnknownNameError: if there is no such system; the message lists the available ones.
         CheckpointError: if its files are missing or damaged.
-        FamilyError: if the code of a family of another package fails.
+        FamilyUnavailableError: if the code of a family of another package fails.
     """
     available = list_systems(folder)
     if name not in available:
@@ -206,11 +192,11 @@ def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> "System":
     except Exception as error:  # code of other packages may raise anything
         if family in _BUNDLED or isinstance(error, CheckpointError):
             raise
-        raise FamilyError(
+        raise FamilyUnavailableError(
             f"{name} cannot be loaded because its package {family.package} fails: "
             f"{type(error).__name__}: {error}"
         ) from error
 
 
 _BUNDLED = tuple(_FAMILIES)
-_LEFT_OUT = register_installed(register)
+_LEFT_OUT = register_installed_reporting_failures(register)

@@ -14,7 +14,7 @@ class TrainConfig:
     augment_speech: bool = True
     """True to vary level, colour and background noise of the features, as microphones do."""
     throats: tuple[float, float] | None = None
-    """Range of factors that stretch the mel bands as other vocal tracts do, for unknown voices."""
+    """Range of vocal tract length factors, which stretch the mel bands for unknown voices."""
     augmented_copies: int = 1
     """Number of copies of each training recording at another speed and with another microphone."""
     steps: int = 8000

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from conventions.rates import FPS
 from model.data.prepared import Batch, PreparedClip, PreparedData, prepare
 from model.speech.encoders import make_encoder
-from model.storage.cards import load_card, to_json
+from model.storage.cards import BUNDLED_WEIGHTS, load_card, to_json
 from model.storage.checkpoint import save_weights
 from model.storage.escaping import csv_text
 from model.storage.files import write_atomically, written_atomically
@@ -57,11 +57,7 @@ class History:
 
 
 def open_run(config: TrainConfig, out: Path, resume: bool) -> None:
-    """Start a run in ``out``, or check that the one there can be resumed with these settings.
-
-    Raises:
-        TrainingError: if ``out`` holds another run, or there is none to resume.
-    """
+    """Start a run in ``out``, or check that it can be resumed; raises TrainingError."""
     out.mkdir(parents=True, exist_ok=True)
     config_path, state_path = out / "config.json", out / STATE_FILE
     if not resume:
@@ -93,19 +89,25 @@ def differing_fields(a: dict, b: dict, prefix: str = "") -> list[str]:
 
 def make_card(
     config: TrainConfig, data: PreparedData, folder: Path, steps: int, validation: dict,
-    origin: dict[str, Any] | None,
+    origin: dict[str, Any] | None, is_bundled: bool,
 ) -> dict[str, Any]:  # fmt: skip
+    """Return the card of the weights after some steps.
+
+    Args:
+        origin: identity of the weights that the training started from; None without.
+        is_bundled: true if those were the bundled weights.
+    """
     corpus = folder / "corpus.json"
     train_clips = data.clips_of_split("train")
     speakers = {clip.speaker for clip in train_clips}
     train_frames = sum(clip.num_frames for clip in train_clips if clip.copy == 0)
     return {
         "config": json.loads(to_json(config)),
-        "speakers": {name: n for n, name in sorted(data.speakers.items()) if n in speakers},
+        "speakers": {name: n for n, name in sorted(data.speaker_names.items()) if n in speakers},
         "training_data": json.loads(corpus.read_text()) if corpus.is_file() else folder.name,
         "training_hours": round(train_frames / FPS / 3600, 3),
         "steps": steps,
-        "started_from_bundled_weights": origin is not None,
+        "started_from_bundled_weights": is_bundled,
         "started_from": origin,
         "validation": {name: round(value, 6) for name, value in validation.items()},
         "date": datetime.date.today().isoformat(),
@@ -124,9 +126,9 @@ def train(
     data_folder: Path,
     out: Path,
     *,
-    helpers: Path,
+    helper_weights: Path,
     resume: bool = False,
-    start: Path | None = None,
+    initial_weights: Path | None = None,
     shard: Shard = UNSHARDED,
     may_compile: bool = False,
 ) -> None:
@@ -134,8 +136,8 @@ def train(
 
     Args:
         make_task: function of the family that ``config`` belongs to.
-        helpers: folder with the weights of networks that the task needs and does not train.
-        start: folder with weights of the same name to start from.
+        helper_weights: folder with the weights of networks that the task needs and does not train.
+        initial_weights: folder with weights of the same name to start from.
         may_compile: compile the step if that works; the first step then takes a minute or two more.
 
     Raises:
@@ -160,15 +162,19 @@ def train(
     with shard.first_process_first():
         if shard.is_first:
             open_run(config, out, resume)
-    origin = None
+    origin, is_bundled = None, False
     if resume:  # the origin of a resumed run is in its weights, not this command
-        start = out / "weights"
-        origin = load_card(start, config.system)["started_from"]
-    elif start is not None:
-        card = load_card(start, config.system)
-        origin = {"system": config.system, "sha256": card.sha256, "steps": card.steps}
+        initial_weights = out / "weights"
+        card = load_card(initial_weights, config.system)
+        origin, is_bundled = card["started_from"], card["started_from_bundled_weights"]
+    elif initial_weights is not None:
+        card = load_card(initial_weights, config.system)
+        origin = {"system": config.system, "sha256": card.sha256, "steps": card.training_steps}
+        is_bundled = initial_weights.resolve() == BUNDLED_WEIGHTS.resolve()
     with shard.first_process_first():
-        task = make_task(config, data, TaskSetup(helpers, start, shard, may_compile))
+        task = make_task(
+            config, data, TaskSetup(helper_weights, initial_weights, shard, may_compile)
+        )
     first = 0
     if resume:
         state = torch.load(out / STATE_FILE, weights_only=True, map_location="cpu")
@@ -178,7 +184,7 @@ def train(
 
     def batch_of(clips: tuple[PreparedClip, ...], rng: np.random.Generator) -> Batch:
         size = config.batch_size
-        return data.window_batch(clips, task.window_frames, size, rng, task.context)
+        return data.draw_windows(clips, task.window_frames, size, rng, task.context_frames)
 
     progress = tqdm(range(first, config.steps), initial=first, total=config.steps, unit="step",
                     disable=not shard.is_first)  # fmt: skip
@@ -199,7 +205,7 @@ def train(
             progress.set_postfix(val=f"{means['total']:.4f}")
         if shard.is_first and (last or done % config.save_every == 0):
             history.flush(done)
-            card = make_card(config, data, data_folder, done, means, origin)
+            card = make_card(config, data, data_folder, done, means, origin, is_bundled)
             save_weights(out / "weights", config.system, task.export(), card)
             with written_atomically(out / STATE_FILE) as path:  # last: it needs the weights
                 torch.save({"step": done, **task.state()}, path)

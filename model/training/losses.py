@@ -50,11 +50,7 @@ def contact_loss(
 def kl_loss(
     codes: Sequence[tuple[Float[Tensor, "B _ _"], Float[Tensor, "B _ _"]]],
 ) -> Float[Tensor, " B"]:
-    """Compute the KL divergence of codes from a standard normal, mean over a scale's numbers.
-
-    Args:
-        codes: mean and log-variance, each (B, tokens, dim), for every scale.
-    """
+    """Compute the KL divergence of (mean, log-variance) of each scale from a standard normal."""
     by_scale = [
         0.5 * (mean.square() + log_var.exp() - 1 - log_var).mean((1, 2)) for mean, log_var in codes
     ]
@@ -69,11 +65,7 @@ def first_difference_loss(
 
 
 def finite_or_raise(numbers: dict[str, float], step: int, clips: list[str]) -> None:
-    """Stop a training with a loss or gradient that is not finite.
-
-    Raises:
-        FloatingPointError: with the quantity, the step, and the clips of the batch.
-    """
+    """Raise FloatingPointError with step and clips if a loss or gradient is not finite."""
     for name, value in numbers.items():
         if not math.isfinite(value):
             clips = list(dict.fromkeys(clips))
@@ -102,7 +94,7 @@ def positions_to_compare(
 ) -> tuple[Float[Tensor, "B T 55 3"], Float[Tensor, "B T 55 3"]]:
     """Return the joint positions to compare: in world coordinates, or pelvis-aligned."""
     if weights.rooted:
-        return predicted.pelvis_aligned, target.pelvis_aligned
+        return predicted.untranslated_positions, target.untranslated_positions
     return predicted.positions, target.positions
 
 

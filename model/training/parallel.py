@@ -41,9 +41,9 @@ class Shard:
         """Rows of the whole batch for this process."""
         return slice(self.rank, None, self.count)
 
-    def of(self, rows: Shaped[Tensor, "B ..."]) -> Tensor:
+    def local_rows(self, batch: Shaped[Tensor, "B ..."]) -> Tensor:
         """Return this process's rows of a tensor that holds the whole batch, on its device."""
-        return rows[self.rows].to(self.device)
+        return batch[self.rows].to(self.device)
 
     def autocast(self) -> torch.autocast:
         """Return the autocast context: bf16 for the network on a GPU."""
@@ -106,22 +106,24 @@ def joined_processes() -> Iterator[Shard]:
 class ShardedRandom:
     """Random numbers for each sample of the whole batch, restricted to the shard's share."""
 
-    size: int
+    batch_size: int
     """Number of samples in the whole batch."""
     generator: torch.Generator
     shard: Shard
 
     def noise(self, shape: Sequence[int]) -> Float[Tensor, "B ..."]:
         """Draw standard normal numbers of this shape for each sample."""
-        return self.shard.of(torch.randn(self.size, *shape, generator=self.generator))
+        return self.shard.local_rows(torch.randn(self.batch_size, *shape, generator=self.generator))
 
     def flow_times(self, power: float) -> Float[Tensor, " B"]:
         """Draw ``u ** power`` with u uniform in [0, 1)."""
-        return self.shard.of(torch.rand(self.size, generator=self.generator) ** power)
+        return self.shard.local_rows(torch.rand(self.batch_size, generator=self.generator) ** power)
 
     def keep_mask(self, dropout: float) -> Bool[Tensor, " B"]:
         """Draw a mask that is false for that share of the samples."""
-        return self.shard.of(torch.rand(self.size, generator=self.generator) >= dropout)
+        return self.shard.local_rows(
+            torch.rand(self.batch_size, generator=self.generator) >= dropout
+        )
 
 
 @cache

@@ -28,14 +28,14 @@ from model.motion.packing import rotations as rotations_of
 from model.motion.spaces import (
     AXIS_ANGLE_MOTION_DIM,
     ROOT_DIM,
-    Representation,
-    RootMotion,
+    RootFormat,
     RotationSpace,
+    VectorScaling,
 )
 from model.networks.config import BranchConfig
 from model.networks.trained import TrainedWeights
 from model.sampling.prior import GaussianPrior, fit_components, fit_prior
-from model.speech.features import augment_mel, vocal_tract_perturbation
+from model.speech.features import simulate_microphone, vocal_tract_perturbation
 from model.training.config import TrainConfig
 from model.training.parallel import ShardedRandom
 
@@ -52,35 +52,37 @@ class Targets:
     """Arrays of all frames of a `PreparedData`, in one rotation space."""
 
     space: RotationSpace
-    root: RootMotion
+    root_format: RootFormat
     skeleton: RestSkeleton
     vectors: np.ndarray
     """Motion vectors (N, C), not normalised."""
     pelvis_aligned_positions: np.ndarray
     """Joint positions (N, 165) in metres, with the pelvis at its place in the rest pose."""
 
-    def of(self, batch: Batch, *, rotations: bool) -> tuple[Float[Tensor, "B T C"], DecodedMotion]:
+    def for_batch(
+        self, batch: Batch, *, with_rotations: bool
+    ) -> tuple[Float[Tensor, "B T C"], DecodedMotion]:
         """Return vectors and decoded motion of a batch's windows; rotations only on request."""
         vectors = self.windows(batch)
-        if rotations and self.space != "global":
-            return vectors, decode(vectors, self.space, self.skeleton, self.root)
+        if with_rotations and self.space != "global":
+            return vectors, decode(vectors, self.space, self.skeleton, self.root_format)
         decoded = DecodedMotion(
-            R_world_joint=rotations_of(vectors, self.space) if rotations else None,
-            pelvis_aligned=torch.from_numpy(self.pelvis_aligned_positions[batch.frames]).unflatten(
-                -1, (NUM_JOINTS, 3)
-            ),
-            root=root_positions(vectors[..., -ROOT_DIM:], self.root),
-            global_vectors=vectors if rotations else None,
+            R_world_joint=rotations_of(vectors, self.space) if with_rotations else None,
+            untranslated_positions=torch.from_numpy(
+                self.pelvis_aligned_positions[batch.frame_rows]
+            ).unflatten(-1, (NUM_JOINTS, 3)),
+            translation=root_positions(vectors[..., -ROOT_DIM:], self.root_format),
+            global_vectors=vectors if with_rotations else None,
         )
         return vectors, decoded
 
     def windows(self, batch: Batch) -> Float[Tensor, "B T C"]:
         """Return the vectors of a batch's windows."""
-        return torch.from_numpy(self.vectors[batch.frames])
+        return torch.from_numpy(self.vectors[batch.frame_rows])
 
 
 def prepare_targets(
-    data: PreparedData, space: RotationSpace, root: RootMotion, skeleton: RestSkeleton
+    data: PreparedData, space: RotationSpace, root: RootFormat, skeleton: RestSkeleton
 ) -> Targets:
     """Compute the arrays next to those of ``data`` unless they exist, then map them to memory."""
     stem = f"{space}-{root}"
@@ -89,10 +91,7 @@ def prepare_targets(
         data,
         f"targets-{stem}",
         {"format": TARGETS_FORMAT, "rest_joints": skeleton.rest_joints.tolist()},
-        {
-            f"vectors-{stem}": (width, np.float32),
-            f"rooted-{stem}": (3 * NUM_JOINTS, np.float32),
-        },
+        {f"vectors-{stem}": (width, np.float32), f"rooted-{stem}": (3 * NUM_JOINTS, np.float32)},
         _by_clip(data, space, root, skeleton),
     )
     return Targets(space, root, skeleton, vectors, rooted)
@@ -100,7 +99,7 @@ def prepare_targets(
 
 @torch.inference_mode()
 def _by_clip(
-    data: PreparedData, space: RotationSpace, root: RootMotion, skeleton: RestSkeleton
+    data: PreparedData, space: RotationSpace, root: RootFormat, skeleton: RestSkeleton
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     for clip in data.clips:
         rows = slice(clip.start, clip.stop)
@@ -112,7 +111,7 @@ def _by_clip(
             root,
         )[0]
         blocks = (decode(b[None], space, skeleton, root) for b in vectors.split(BLOCK_FRAMES))
-        rooted = [block.pelvis_aligned[0].flatten(-2).numpy() for block in blocks]
+        rooted = [block.untranslated_positions[0].flatten(-2).numpy() for block in blocks]
         yield vectors.numpy(), np.concatenate(rooted)
 
 
@@ -124,7 +123,7 @@ def augmented_speech(
     if network.training and config.throats:
         speech = vocal_tract_perturbation(speech, config.throats, generator)
     if network.training and config.augment_speech:
-        speech = augment_mel(speech, generator)
+        speech = simulate_microphone(speech, generator)
     return speech
 
 
@@ -133,24 +132,24 @@ def network_conditions(
     network: nn.Module,
     batch: Batch,
     draws: ShardedRandom,
-    hidden: Sequence[str] = ("seed", "speaker", "speech"),
+    droppable: Sequence[str] = ("seed", "speaker", "speech"),
 ) -> dict[str, Tensor]:
     """Return the conditioning of this shard's windows: speech, speaker, and masks.
 
     The masks say for which samples speech and seed are not dropped.
 
     Args:
-        hidden: names of the inputs with dropout, drawn in this order; all others are never dropped.
+        droppable: names of the inputs with dropout, drawn in this order; others are never dropped.
     """
-    everybody = torch.ones(len(batch.clips), dtype=torch.bool)
+    everybody = torch.ones(len(batch.clip_names), dtype=torch.bool)
     conditions: dict[str, Tensor] = dict.fromkeys(
-        ("seed", "speaker", "speech"), draws.shard.of(everybody)
+        ("seed", "speaker", "speech"), draws.shard.local_rows(everybody)
     )
-    for name in hidden:
+    for name in droppable:
         conditions[name] = draws.keep_mask(getattr(config, f"{name}_dropout"))
     return {
-        "speech": draws.shard.of(augmented_speech(config, network, batch, draws.generator)),
-        "speaker": draws.shard.of(batch.speaker) * conditions["speaker"],
+        "speech": draws.shard.local_rows(augmented_speech(config, network, batch, draws.generator)),
+        "speaker": draws.shard.local_rows(batch.speaker) * conditions["speaker"],
         "has_seed": conditions["seed"],
         "has_speech": conditions["speech"],
     }
@@ -159,10 +158,10 @@ def network_conditions(
 def statistics_batch(data: PreparedData, window_frames: int) -> Batch:
     """Draw at most 400 windows, always the same."""
     rng = np.random.default_rng(0)
-    return data.window_batch(data.clips_of_split("train"), window_frames, WINDOWS, rng)
+    return data.draw_windows(data.clips_of_split("train"), window_frames, WINDOWS, rng)
 
 
-def fit_features(data: PreparedData) -> Normaliser:
+def fit_speech_normaliser(data: PreparedData) -> Normaliser:
     """Compute the statistics of the speech features from every hundredth frame."""
     sample = torch.from_numpy(np.array(data.speech[::100], np.float32))
     return Normaliser(sample.mean(0), sample.std(0).clamp_min(STD_FLOOR))
@@ -173,39 +172,39 @@ def prior_batches(data: PreparedData, window_frames: int) -> Iterator[Batch]:
     clips = data.clips_of_split("train")
     for k in range(PRIOR_BATCHES):
         rng = np.random.default_rng([k, 17])
-        yield data.window_batch(clips, window_frames, PRIOR_BATCH_SIZE, rng)
+        yield data.draw_windows(clips, window_frames, PRIOR_BATCH_SIZE, rng)
 
 
-def fit_normaliser(
+def fit_motion_normaliser(
     data: PreparedData,
     targets: Targets,
     window_frames: int,
-    representation: Representation = "normalised",
+    representation: VectorScaling = "normalised",
 ) -> Normaliser:
     """Compute the statistics of a network's target motion vectors."""
-    vectors, _ = targets.of(statistics_batch(data, window_frames), rotations=False)
+    vectors, _ = targets.for_batch(statistics_batch(data, window_frames), with_rotations=False)
     groups = AXIS_ANGLE_GROUPS if targets.space == "axis-angle" else None
     return Normaliser.fit(vectors.flatten(0, 1), representation, groups)
 
 
-def fit_motion_prior(
+def fit_or_reuse_motion_prior(
     data: PreparedData, targets: Targets, shape: BranchConfig, start_weights: TrainedWeights | None
 ) -> tuple[Normaliser, GaussianPrior]:
     """Fit components of motion and their Gaussian prior, or return those of ``start_weights``."""
     if start_weights is not None:
         return start_weights.normaliser, start_weights.prior(shape.seed_frames)
     windows = [targets.windows(batch) for batch in prior_batches(data, shape.window_frames)]
-    normaliser = fit_normaliser(data, targets, shape.window_frames)
+    normaliser = fit_motion_normaliser(data, targets, shape.window_frames)
     return fit_component_prior(normaliser, windows, shape.seed_frames)
 
 
-def fit_face_prior(
+def fit_or_reuse_face_prior(
     data: PreparedData, shape: BranchConfig, start_weights: TrainedWeights | None = None
 ) -> tuple[Normaliser, GaussianPrior]:
-    """Fit components of the blendshapes and their prior, as `fit_motion_prior` does for motion."""
+    """Fit components of the blendshapes and their prior, or return those of ``start_weights``."""
     if start_weights is not None:
         return start_weights.normaliser, start_weights.prior(shape.seed_frames)
-    windows = [batch.expression for batch in prior_batches(data, shape.window_frames)]
+    windows = [batch.arkit_weights for batch in prior_batches(data, shape.window_frames)]
     units = torch.cat([batch.flatten(0, 1) for batch in windows])
     normaliser = Normaliser(units.mean(0), units.std(0).clamp_min(STD_FLOOR))
     return fit_component_prior(normaliser, windows, shape.seed_frames)
@@ -217,6 +216,6 @@ def fit_component_prior(
     """Add nearly uncorrelated components to the statistics, and fit their prior."""
     mean = torch.cat([batch.flatten(0, 1) for batch in windows]).mean(0)
     centred = Normaliser(mean, normaliser.std)
-    mix, unmix = fit_components([centred.scaled(batch) for batch in windows])
+    mix, unmix = fit_components([centred.standardise(batch) for batch in windows])
     mixing = replace(centred, mix=mix, unmix=unmix)
     return mixing, fit_prior([mixing.normalise(batch) for batch in windows], seed_frames)

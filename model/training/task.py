@@ -41,10 +41,10 @@ class TaskSetup:
         """True if networks and losses are compiled."""
         return self.may_compile and can_compile()
 
-    def begin(
+    def seed_and_read_initial_weights(
         self, config: TrainConfig, data: PreparedData, num_speakers: int | None = None
     ) -> TrainedWeights | None:
-        """Seed torch, and read the initial weights; None without any.
+        """Check speakers' numbers, seed torch, and read the initial weights; None without any.
 
         They must include normalisation statistics, since other ones would change their meaning.
 
@@ -58,7 +58,7 @@ class TaskSetup:
         if num_speakers is not None:
             outside = [
                 f"{number} ({name})"
-                for number, name in data.speakers.items()
+                for number, name in data.speaker_names.items()
                 if not 0 < number < num_speakers  # 0 is "no speaker"
             ]
             if outside:
@@ -86,7 +86,7 @@ class Task(Protocol):
     """
 
     window_frames: int
-    context: int
+    context_frames: int
     """Frames of speech before and after each window."""
 
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
@@ -137,17 +137,17 @@ class SingleNetworkTask(ABC):
     """Task of one network with one loss, AdamW, and a moving average of the weights.
 
     Args:
-        start_weights: initial weights (`TaskSetup.begin`); None for random ones.
+        start_weights: result of `TaskSetup.seed_and_read_initial_weights`.
         normaliser: statistics of the input, saved with the weights.
-        window_frames, context: see `Task`.
+        window_frames, context_frames: see `Task`.
         statistics: further tensors to save with the weights, besides the prior of a network that
             has one.
     """
 
     state_attributes: ClassVar[tuple[str, ...]] = ("network", "average", "optimizer")
     """Attributes that make up the state of a resumed run."""
-    is_compiled: ClassVar[bool] = False
-    """True if the network is worth compiling."""
+    is_worth_compiling: ClassVar[bool] = False
+    """True if the network is worth compiling; ``self.compiles`` says if it is."""
 
     def __init__(
         self,
@@ -157,21 +157,21 @@ class SingleNetworkTask(ABC):
         network: nn.Module,
         normaliser: Normaliser,
         window_frames: int,
-        context: int = 0,
+        context_frames: int = 0,
         statistics: Mapping[str, Shaped[Tensor, " ..."]] = MappingProxyType({}),
     ) -> None:
         if start_weights is not None:
             load_module(network, start_weights.tensors, "network.", start_weights.name)
         self.setup, self.config = setup, config
-        self.window_frames, self.context = window_frames, context
+        self.window_frames, self.context_frames = window_frames, context_frames
         self.network = network.to(self.shard.device)
         self.normaliser = normaliser.to(self.shard.device)
         self.statistics = statistics
         self.average = torch.optim.swa_utils.AveragedModel(
             self.network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(config.ema_decay)
         )
-        self.optimizer = self.adam(self.network, config.learning_rate)
-        self.compiles = self.is_compiled and setup.compiles
+        self.optimizer = self.make_optimizer(self.network, config.learning_rate)
+        self.compiles = self.is_worth_compiling and setup.compiles
         if self.compiles:
             self.network.compile(dynamic=False)
 
@@ -182,19 +182,19 @@ class SingleNetworkTask(ABC):
         Random numbers are drawn for the whole batch, so that several processes equal one.
         """
 
-    def step_loss(
+    def loss_from_generator(
         self, network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard
     ) -> StepLoss:
         """Compute `loss` with random numbers from a generator."""
-        return self.loss(network, batch, ShardedRandom(len(batch.clips), generator, shard))
+        return self.loss(network, batch, ShardedRandom(len(batch.clip_names), generator, shard))
 
     @property
     def shard(self) -> Shard:
         """Shard of this process."""
         return self.setup.shard
 
-    def adam(self, network: nn.Module, rate: float) -> torch.optim.Optimizer:
-        """Make the optimizer of a network."""
+    def make_optimizer(self, network: nn.Module, rate: float) -> torch.optim.Optimizer:
+        """Make the AdamW optimizer of a network."""
         betas, decay = self.config.betas, self.config.weight_decay
         return torch.optim.AdamW(network.parameters(), rate, betas, weight_decay=decay, fused=True)
 
@@ -208,17 +208,19 @@ class SingleNetworkTask(ABC):
 
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
         self.network.train()
-        loss = self.step_loss(self.data_parallel_network, batch, generator, self.shard)
+        loss = self.loss_from_generator(self.data_parallel_network, batch, generator, self.shard)
         self.optimizer.zero_grad(set_to_none=True)
         loss.total.backward()
         norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.clip_norm)
         numbers = self.shard.mean(loss.parts | {"gradient_norm": norm})
-        losses.finite_or_raise(numbers, number, batch.clips)
-        self.optimizer_step(number, {self.optimizer: self.config.learning_rate})
+        losses.finite_or_raise(numbers, number, batch.clip_names)
+        self.update_weights_and_average(number, {self.optimizer: self.config.learning_rate})
         return numbers
 
-    def optimizer_step(self, number: int, rates: Mapping[torch.optim.Optimizer, float]) -> None:
-        """Update the weights by their present gradients, and then the average of the weights."""
+    def update_weights_and_average(
+        self, number: int, rates: Mapping[torch.optim.Optimizer, float]
+    ) -> None:
+        """Update learning rates, weights by their present gradients, and the average of weights."""
         for optimizer, rate in rates.items():
             for group in optimizer.param_groups:
                 group["lr"] = rate * learning_rate_factor(number, self.config)
@@ -231,7 +233,7 @@ class SingleNetworkTask(ABC):
     @torch.no_grad()
     def validate(self, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
         network = self.average.module.eval()
-        return self.step_loss(network, batch, generator, self.shard).parts
+        return self.loss_from_generator(network, batch, generator, self.shard).parts
 
     def export(self) -> dict[str, Tensor]:
         """Return the averaged weights and the statistics."""

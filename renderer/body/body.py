@@ -1,8 +1,8 @@
 """Body model: a mesh that is posed by a motion.
 
-``load_body()`` loads the open body of this project, ``load_body(path)`` a licensed SMPL-X file;
-both are posed by the same code. Vertices come as a stream of chunks, so memory does not grow with
-the length of the motion.
+``load_body()`` loads the open body of this project, ``load_body(path)`` a licensed SMPL-X file or a
+character; all are posed by the same code. Vertices come as a stream of chunks, so memory does not
+grow with the length of the motion.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class BodyMotion:
             )
         if np.abs(self.betas).max(initial=0.0) > MAX_BETA:
             raise BodyError(
-                f"The body shape ('betas') has a value of size {np.abs(self.betas).max():.0f}; at "
+                f"The largest absolute value of 'betas' is {np.abs(self.betas).max():.0f}; at "
                 f"most {MAX_BETA:.0f} is possible for a human body."
             )
 
@@ -89,7 +89,7 @@ class Body(BodyArrays):
     """Body model: mesh, joints, skinning and blendshapes. Read-only and stateless."""
 
     body_look: str = BODY_LOOKS[0]
-    """Look of `BODY_LOOKS` that sets the colours, if the body file has painted regions."""
+    """Look of `BODY_LOOKS`: its build is in the arrays already, its tone sets the colours."""
 
     @property
     def body_look_if_painted(self) -> str | None:
@@ -156,7 +156,7 @@ class Body(BodyArrays):
             )
         return tuple(notes)
 
-    def vertices(
+    def posed_vertices(
         self, motion: BodyMotion, chunk_frames: int = CHUNK_FRAMES
     ) -> Iterator[Float32[np.ndarray, "T V 3"]]:
         """Yield posed vertices in metres, ``chunk_frames`` frames at a time, then the rest."""
@@ -167,13 +167,13 @@ class Body(BodyArrays):
 
     def joint_positions(self, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
         """Return the position of each joint, metres."""
-        _, positions = self.global_transforms(motion)
+        _, positions = self.global_transforms_without_trans(motion)
         return (positions + motion.trans[:, None]).astype(np.float32)
 
-    def global_transforms(
+    def global_transforms_without_trans(
         self, motion: BodyMotion
     ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
-        """Return global rotations and positions of the joints, without the translation."""
+        """Return global rotations and positions of the joints, without the motion's translation."""
         _, shaped_joints = self.shaped_vertices_and_joints(motion)
         R_parent_joint, joints = self._joints(motion, slice(0, motion.num_frames), shaped_joints)
         return skinning.global_transforms(R_parent_joint, joints)
@@ -233,12 +233,13 @@ class Body(BodyArrays):
 
 
 def load_body(path: Path | None = None, look: str = BODY_LOOKS[0]) -> Body:
-    """Load the open body in one of `BODY_LOOKS`, or the SMPL-X ``.npz`` at ``path``.
+    """Load the open body in one of `BODY_LOOKS`, or the file at ``path``.
+
+    The file is an SMPL-X body (``.npz``) or a character (``.vrm``, ``.glb``).
 
     Raises:
         BodyError: with one sentence if the file is not a body that can be posed, or the look is
-            unknown
-            or not available for the file.
+            unknown or not available for the file.
     """
     if look not in BODY_LOOKS:
         raise BodyError(f"Unknown look '{look}'; choose one of {', '.join(BODY_LOOKS)}.")

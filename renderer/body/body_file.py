@@ -158,8 +158,7 @@ def _open_body(
     rows = np.repeat(np.arange(num_vertices), joints.shape[1])
     used = shares.ravel() > 0
     weights = sp.csr_array(
-        (shares.ravel()[used], (rows[used], joints.ravel()[used])),
-        shape=(num_vertices, NUM_JOINTS),
+        (shares.ravel()[used], (rows[used], joints.ravel()[used])), shape=(num_vertices, NUM_JOINTS)
     )
     names = tuple(map(str, file["expression_names"]))
     steps = file["expression_steps"].astype(np.float32)
@@ -180,9 +179,7 @@ def _open_body(
         expression_joint_dirs=np.zeros((len(names), NUM_JOINTS, 3), np.float32),
         pose_vertices=np.unique(corrected),
         pose_dirs=_sparse_pose_dirs(
-            corrected,
-            file["pose_joints"].astype(np.int32),
-            file["pose_offsets"].astype(np.float32),
+            corrected, file["pose_joints"].astype(np.int32), file["pose_offsets"].astype(np.float32)
         ),
         regions=file["regions"].astype(np.int32),
     )

@@ -82,11 +82,7 @@ _VRM0_THUMBS = {
 
 
 def read_character(path: Path) -> BodyArrays:
-    """Read a character and turn it to the zero pose.
-
-    Raises:
-        BodyError: if the file is damaged, too large, or no humanoid with a skin.
-    """
+    """Read a character, turned to the zero pose; raises BodyError unless a skinned humanoid."""
     content = read_glb_bytes(path)
     try:
         with np.errstate(all="ignore"):  # the result is checked as a whole
@@ -145,7 +141,8 @@ class _Character:
         if missing or len(set(bones.values())) < len(bones):
             raise BodyError(
                 f"{self._gltf.name} has no separate bone for "
-                f"{join_names(missing or ['each joint'])}; a pelvis and two whole arms are needed."
+                f"{join_names(missing or ['each joint'])}; a pelvis and two complete arms are "
+                "needed."
             )
         return bones
 
@@ -343,8 +340,8 @@ class _Character:
             MAX_REACH_M
         ):
             raise BodyError(
-                f"{path.name}, scaled until its legs are as long as a person's, has vertices more "
-                f"than {MAX_REACH_M:.0f} m away or not finite."
+                f"After its limbs were scaled to human length, {path.name} has vertices that are "
+                f"not finite or more than {MAX_REACH_M:.0f} m from the origin; export it again."
             )
         jaw = None if "jaw" in self.bones or not shapes.is_driven("jawOpen") else "jawOpen"
         return BodyArrays(

@@ -145,13 +145,13 @@ class FaceBlendshapes:
         ]
 
     def add_primitive(
-        self, mesh: int, primitive: int, matrices: Float64[np.ndarray, "V 3 3"], used: list[int]
+        self, mesh: int, primitive: int, matrices: Float64[np.ndarray, "V 3 3"], targets: list[int]
     ) -> None:
         """Add a primitive's vertices, whose offsets go to the zero pose by ``matrices``."""
-        targets = self._gltf.element("meshes", mesh)["primitives"][primitive].get("targets", ())
-        offsets = np.zeros((len(self._names) if used else 0, len(matrices), 3), np.float32)
-        for target in used:
-            moved = self._gltf.accessor_array(targets[target]["POSITION"]).astype(np.float64)
+        described = self._gltf.element("meshes", mesh)["primitives"][primitive].get("targets", ())
+        offsets = np.zeros((len(self._names) if targets else 0, len(matrices), 3), np.float32)
+        for target in targets:
+            moved = self._gltf.accessor_array(described[target]["POSITION"]).astype(np.float64)
             moved = np.einsum("vab,vb->va", matrices, moved)
             for component, weight in self._weights[mesh][target].items():
                 offsets[component] += weight * moved

@@ -25,10 +25,7 @@ MAX_NODES = 5_000
 MAX_PICTURE_PIXELS = 4096 * 4096
 MAX_ELEMENTS = 6 * MAX_VERTICES
 """Most elements of one accessor: the corners of the most faces."""
-COMPRESSIONS = {
-    "KHR_draco_mesh_compression": "Draco",
-    "EXT_meshopt_compression": "meshopt",
-}
+COMPRESSIONS = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
 """Extensions that compress meshes, which are refused, by their usual names."""
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -36,27 +33,18 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
 def read_glb_bytes(path: Path) -> bytes:
-    """Read the content of a character's file.
-
-    Raises:
-        BodyError: if it is too large.
-        OSError: if it cannot be read.
-    """
+    """Read a character's file; raises BodyError if it is too large, or OSError."""
     num_bytes = path.stat().st_size
     if num_bytes > MAX_FILE_BYTES:
         raise BodyError(
-            f"{path.name} has {num_bytes / 1e6:.0f} MB; a character may have at most "
+            f"{path.name} has {num_bytes / 1e6:.0f} MB; the limit for a character is "
             f"{MAX_FILE_BYTES / 1e6:.0f} MB. Export it with smaller textures."
         )
     return path.read_bytes()
 
 
 class Gltf:
-    """Parsed file. Its nodes form trees, whose parents and global matrices are computed once.
-
-    Raises:
-        BodyError: if the file is no glTF, or compressed.
-    """
+    """Parsed file, with trees of nodes; raises BodyError if it is no glTF, or compressed."""
 
     def __init__(self, content: bytes, name: str) -> None:
         self.name = name
@@ -70,7 +58,7 @@ class Gltf:
         if json_bytes > MAX_JSON_BYTES:
             raise BodyError(
                 f"The JSON part of {name} has {json_bytes / 1e6:.0f} MB; "
-                f"at most {MAX_JSON_BYTES / 1e6:.0f} MB are read."
+                f"the limit is {MAX_JSON_BYTES / 1e6:.0f} MB."
             )
         self.document: dict[str, Any] = json.loads(content[20 : 20 + json_bytes])
         self.binary = content[28 + json_bytes : length]
@@ -82,7 +70,7 @@ class Gltf:
                 )
         self.nodes: list[dict] = self.document["nodes"]
         if len(self.nodes) > MAX_NODES:
-            raise BodyError(f"{name} has {len(self.nodes)} nodes; at most {MAX_NODES} are read.")
+            raise BodyError(f"{name} has {len(self.nodes)} nodes; the limit is {MAX_NODES}.")
         self.parents, self.order = self._tree()
         self.local = np.array([_local_matrix(node) for node in self.nodes])
         self.world = self.local.copy()
@@ -123,7 +111,7 @@ class Gltf:
         count = accessor["count"]
         if not 0 <= count <= MAX_ELEMENTS:
             raise BodyError(
-                f"{self.name} has an array of {count} elements; at most {MAX_ELEMENTS} are read."
+                f"{self.name} has an array of {count} elements; the limit is {MAX_ELEMENTS}."
             )
         values = np.zeros((count, width), kind)
         if "bufferView" in accessor:
@@ -145,7 +133,7 @@ class Gltf:
         view = self.element("bufferViews", index)
         if view.get("buffer", 0) != 0 or "uri" in self.document["buffers"][0]:
             raise BodyError(
-                f"{self.name} keeps data in other files, which are never opened; "
+                f"{self.name} stores data in other files, which are never opened; "
                 "export it as one .glb or .vrm."
             )
         stride = view.get("byteStride") or kind.itemsize * width
@@ -168,7 +156,7 @@ class Gltf:
             if picture.width * picture.height > MAX_PICTURE_PIXELS:
                 raise BodyError(
                     f"A texture of {self.name} has {picture.width} x {picture.height} pixels; "
-                    "at most 4096 x 4096 are read."
+                    "the limit is 4096 x 4096. Export it with smaller textures."
                 )
             picture.draft("RGB", (max_px, max_px))  # decodes a large JPEG at a smaller size
             picture = picture.convert("RGBA")

@@ -71,10 +71,6 @@ SKIN_TONE_COLORS: dict[str, dict[str, Color]] = {
 
 
 def vertex_colors(look: str, regions: Int[np.ndarray, " V"]) -> Float32[np.ndarray, "V 3"]:
-    """Return the linear RGB of each vertex from its region index (into ``REGION_NAMES``).
-
-    Args:
-        look: one of `conventions.views.BODY_LOOKS`, named ``BUILD-TONE``.
-    """
+    """Return linear RGB by region index (into ``REGION_NAMES``) in one of `BODY_LOOKS`."""
     colors = SKIN_TONE_COLORS[look.partition("-")[2]]
     return np.array([colors[name] for name in REGION_NAMES], np.float32)[regions]

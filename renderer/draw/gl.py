@@ -18,7 +18,7 @@ from trimesh.visual import TextureVisuals
 from renderer.body.texture import Texture
 from renderer.draw.lighting import SHADERS
 from renderer.scene.camera import Z_NEAR_M, Camera
-from renderer.scene.studio import ROUGHNESS, STUDIO, Light, PosedFrame, Subject
+from renderer.scene.studio import ROUGHNESS, STUDIO, Light, PosedFrame, StaticBody
 
 SUPERSAMPLE = 2
 """Samples along each side of a pixel."""
@@ -37,7 +37,7 @@ class Canvas(pyrender.Renderer):
     must be current when a canvas is made and whenever it is used.
     """
 
-    def __init__(self, subject: Subject, width: int, height: int) -> None:
+    def __init__(self, subject: StaticBody, width: int, height: int) -> None:
         has_alpha = subject.is_transparent
         super().__init__(width, height)
         self._program_cache = ShaderProgramCache(shader_dir=str(SHADERS))
@@ -466,7 +466,9 @@ class TexturedQuad:
 class BodyScene:
     """pyrender scene of one body on the floor, updated in place from frame to frame."""
 
-    def __init__(self, subject: Subject, first: PosedFrame, camera: Camera, aspect: float) -> None:
+    def __init__(
+        self, subject: StaticBody, first: PosedFrame, camera: Camera, aspect: float
+    ) -> None:
         colors = subject.colors if first.colors is None else first.colors
         texture = subject.texture
         if texture is None:

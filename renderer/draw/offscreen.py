@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal, get_args
 
-from renderer.scene.studio import Subject
+from renderer.scene.studio import StaticBody
 
 if TYPE_CHECKING:
     from renderer.draw.gl import Canvas
@@ -108,12 +108,8 @@ class OffscreenRenderer:
             reason = f"{type(error).__name__} {error}".strip().splitlines()[0]
             raise GLError(f"OpenGL with {self._backend} {failure} ({reason}).") from error
 
-    def make_canvas(self, subject: Subject, width: int, height: int) -> "Canvas":
-        """Make a canvas for a subject, valid as long as this renderer is open.
-
-        Raises:
-            GLError: if the driver has no room for so many pixels.
-        """
+    def make_canvas(self, subject: StaticBody, width: int, height: int) -> "Canvas":
+        """Make a canvas, valid while this is open; raises GLError if too large for the driver."""
         from renderer.draw.gl import Canvas
 
         with self._convert_errors(f"cannot draw pictures of {width} x {height} pixels"):

@@ -76,22 +76,18 @@ def _broken(name: Backend, error: str) -> BackendReport:
 
 
 def draw_and_name_driver(backend: Backend) -> str:
-    """Draw with a backend in this process and check that the picture is not empty.
-
-    Raises:
-        GLError: if it does not work.
-    """
+    """Check that this process draws with a backend; raises GLError if it does not."""
     from renderer.body.body import load_body
     from renderer.scene.camera import fit_camera
     from renderer.scene.camera_setup import CameraSetup, PanelCamera
-    from renderer.scene.studio import PosedFrameBuilder, Subject
+    from renderer.scene.studio import PosedFrameBuilder, StaticBody
 
     body = load_body()
     camera = fit_camera(body.template)
     prepare = PosedFrameBuilder(
         body.faces, body.num_vertices, CameraSetup((PanelCamera("front", camera),), floor_m=-1.0)
     )
-    subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
+    subject = StaticBody(body.faces, body.vertex_colors, prepare.ground.corners())
     with OffscreenRenderer(backend) as renderer:
         canvas = renderer.make_canvas(subject, _PROBE_SIZE_PX, _PROBE_SIZE_PX)
         picture = canvas.draw(prepare(body.template), camera).astype(int)

@@ -30,14 +30,13 @@ DISTRIBUTIONS_CAPTION = (
 )
 
 
-def draw_distributions(
+def draw_cumulative_distributions(
     values: "DataFrame", systems: Sequence[str], reference: str | None = None
 ) -> "Figure":
     """Draw the cumulative distribution of each metric: the share of clips at or below a value.
 
     Args:
         values: one row per clip and measure: ``measure`` with its unit, ``system``, ``value``.
-        systems: names in the order of their colours.
         reference: name of the recorded motion, drawn in black.
 
     Raises:
@@ -135,7 +134,7 @@ def draw_sampling_step_sweep(points: "DataFrame") -> "Figure":
                 )  # fmt: skip
         axes.set_xscale("log")
         axes.set_xlim(times.min() / 1.3, times.max() * 1.5)
-        style.scale_from_zero(axes, points[quantity])
+        style.set_y_from_zero_with_grid(axes, points[quantity])
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.minorticks_off()
@@ -149,7 +148,7 @@ def draw_sampling_step_sweep(points: "DataFrame") -> "Figure":
     return figure
 
 
-def draw_error_along_chain(rms_shifts: "DataFrame") -> "Figure":
+def draw_noise_shift_along_chain(rms_shifts: "DataFrame") -> "Figure":
     """Draw the shift of points along the kinematic chain under noise on local and global rotations.
 
     Args:
@@ -168,7 +167,9 @@ def draw_error_along_chain(rms_shifts: "DataFrame") -> "Figure":
             **line,
         )
         axes.plot(100.0 * rms_shifts[form].to_numpy(), label=f"{form} noise, measured", **marks)
-    style.scale_from_zero(axes, *(np.asarray(line.get_ydata()) for line in axes.get_lines()))
+    style.set_y_from_zero_with_grid(
+        axes, *(np.asarray(line.get_ydata()) for line in axes.get_lines())
+    )
     style.set_x_tick_names(axes, [style.short_joint_name(point) for point in rms_shifts["point"]])
     axes.set_ylabel("root mean square shift (cm)")
     figure.legend(loc="outside upper left", ncols=2, fontsize=style.SMALL_PT)
@@ -183,11 +184,11 @@ SPEECH_EFFECT_CAPTION = (
     "Left: arm speed, which is the sum of the angular speeds of both shoulders and elbows, in the "
     f"first {PLOTTED_S:.0f} s. Lines of one colour have the same speech; lines of one style (solid "
     "or dashed) have the same noise seed. If the motion follows the speech, lines of one colour "
-    "rise and fall together; if it follows the noise, lines of one style do. Right: the share due "
-    "to speech is the correlation of two motions with the same speech and different noise, minus "
-    "the correlation of two motions with different speech and different noise; the share due to "
-    "the noise seed is computed likewise from motions with the same noise and different speech. "
-    "Both shares are computed over all speeches and seeds."
+    "rise and fall together; if it follows the noise, lines of one style do. Right: the effect of "
+    "the speech is the correlation of two motions with the same speech and different noise, minus "
+    "the correlation of two motions with different speech and different noise; the effect of the "
+    "noise seed is computed likewise from motions with the same noise and different speech. Both "
+    "are computed over all speech recordings and seeds."
 )
 
 
@@ -196,17 +197,17 @@ class SpeechEffectRow:
     """Arm speed and shares of one system, for one row of `draw_speech_effect`."""
 
     name: str
-    arm_speed: Mapping[tuple[str, int], Float[np.ndarray, " T"]]
-    """Arm speed (T,) in degrees per second by speech and noise seed; the first two of each are
-    drawn."""
+    arm_speed_deg_s: Mapping[tuple[str, int], Float[np.ndarray, " T"]]
+    """Sum of the angular speeds of shoulders and elbows (T,), by speech and noise seed; the first
+    two of each are drawn."""
     speech_and_noise_shares: Mapping[str, tuple[float, float]]
     """Shares decided by speech and by noise (0 to 1), by part of the body."""
 
     @property
     def drawn_speeches_and_seeds(self) -> tuple[list[str], list[int]]:
         """Names of the speeches and noise seeds that are drawn."""
-        speeches = list(dict.fromkeys(speech for speech, _ in self.arm_speed))
-        seeds = sorted({seed for _, seed in self.arm_speed})
+        speeches = list(dict.fromkeys(speech for speech, _ in self.arm_speed_deg_s))
+        seeds = sorted({seed for _, seed in self.arm_speed_deg_s})
         return speeches[: len(SPEECH_COLORS)], seeds[: len(NOISE_LINES)]
 
 
@@ -218,8 +219,8 @@ def draw_speech_effect(rows: Sequence[SpeechEffectRow]) -> "Figure":
     """
     figure = style.new_figure(style.PAGE_MM, min(10.0 + 38.0 * len(rows), style.MAX_HEIGHT_MM))
     cut = round(PLOTTED_S * FPS)
-    longest = max(len(speed) for row in rows for speed in row.arm_speed.values())
-    highest = max(speed[:cut].max() for row in rows for speed in row.arm_speed.values())
+    longest = max(len(speed) for row in rows for speed in row.arm_speed_deg_s.values())
+    highest = max(speed[:cut].max() for row in rows for speed in row.arm_speed_deg_s.values())
     pairs = figure.subplots(len(rows), 2, squeeze=False, width_ratios=(2.0, 1.0))
     for number, (row, (speeds, shares)) in enumerate(zip(rows, pairs, strict=True)):
         speeds.set_label(f"speed {number}")
@@ -227,7 +228,7 @@ def draw_speech_effect(rows: Sequence[SpeechEffectRow]) -> "Figure":
         title = style.truncate_text(row.name, style.TITLE_PT, 75.0)
         speeds.set_title(title, size=style.TITLE_PT, weight="bold")
         speeches, seeds = row.drawn_speeches_and_seeds
-        for (speech, seed), speed in row.arm_speed.items():
+        for (speech, seed), speed in row.arm_speed_deg_s.items():
             if speech in speeches and seed in seeds:
                 color, line = SPEECH_COLORS[speeches.index(speech)], NOISE_LINES[seeds.index(seed)]
                 times = np.arange(len(speed[:cut])) / FPS
@@ -238,7 +239,7 @@ def draw_speech_effect(rows: Sequence[SpeechEffectRow]) -> "Figure":
         speeds.grid(True, axis="y")
         _draw_shares(shares, row)
     pairs[-1][0].set_xlabel("time (s)")
-    pairs[-1][1].set_xlabel("share")
+    pairs[-1][1].set_xlabel("increase of r")
     _write_keys(figure, rows[0])
     return figure
 

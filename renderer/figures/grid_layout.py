@@ -96,15 +96,12 @@ def _cells(axes: "Sequence[Axes]", box: "Bbox", x_pad: float, y_pad: float) -> "
 def _divide(
     length: float, ratios: Float[np.ndarray, " N"], room: Float[np.ndarray, "2 N"]
 ) -> Float[np.ndarray, "2 N"]:
-    """Return where the columns (or rows) of a grid start and end, with room before and after each.
-
-    Raises:
-        FigureError: if nothing is left for the columns.
-    """
+    """Return starts and ends of columns or rows, with room around; raises FigureError if none."""
     left = length - room.sum()
     if left <= 0.0:
         raise FigureError(
-            f"A figure is too small: labels need {room.sum():.0f} of {length:.0f} pixels."
+            f"The figure has {length:.0f} pixels, but its labels need {room.sum():.0f}; make it "
+            "larger."
         )
     sizes = left * ratios / ratios.sum()
     ends = np.cumsum(room.sum(axis=0) + sizes) - room[1]

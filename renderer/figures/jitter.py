@@ -34,9 +34,9 @@ _GROUP_ENDS = ("_hip", "_collar", "index1", "middle1", "pinky1", "ring1", "thumb
 class Jitter:
     """Jitter of one motion, as generated or filtered."""
 
-    by_depth: Float[np.ndarray, " depths"]
+    jerk_by_depth: Float[np.ndarray, " depths"]
     """Mean jerk (m/s³) of the joints at each number of bones from the pelvis."""
-    by_joint: Float[np.ndarray, " 55"]
+    jerk_by_joint: Float[np.ndarray, " 55"]
     """Jerk (m/s³) of each of the 55 joints."""
     spectrum: tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]] | None
     """Frequencies (Hz), and the share of the tracked point's velocity power at each."""
@@ -44,19 +44,15 @@ class Jitter:
     """Names of the joints from the pelvis to the tracked point."""
     jerk_drop_by_joint: Float[np.ndarray, " chain"]
     """Relative drop of the point's jerk if only that joint is smoothed; 1 is all of it."""
-    by_window_frame: Float[np.ndarray, " frames"]
-    """Mean jerk (m/s³) per frame of the window, or of the detected period; empty without either."""
+    jerk_by_frame_in_period: Float[np.ndarray, " frames"]
+    """Mean jerk (m/s³) by frame of the window, or of the detected period; empty without either."""
     period_and_part: tuple[int, str] | None
     """Period of the jerk (frames), and the part of the body that shows it; None without one."""
 
 
 @dataclass(frozen=True)
 class JitterSheet:
-    """Contents of one jitter sheet.
-
-    Raises:
-        FigureError: if there are no systems or too many.
-    """
+    """Contents of one jitter sheet; raises FigureError without systems or with too many."""
 
     jitter: Mapping[str, Mapping[FilterVersion, Jitter]]
     """Jitter by motion and version; the reference, if there is one, comes first."""
@@ -78,7 +74,7 @@ class JitterSheet:
         return style.series_styles(self.jitter, REFERENCE_NAME)
 
     @property
-    def periods_and_parts(self) -> dict[str, tuple[int, str]]:
+    def drawn_periods_and_parts(self) -> dict[str, tuple[int, str]]:
         """Detected period (frames) and body part, by motion; empty if the windows are known."""
         if self.window_advance:
             return {}
@@ -102,18 +98,18 @@ class JitterSheet:
 def _curve(row: str, jitter: Jitter) -> tuple[np.ndarray, np.ndarray]:
     match row:
         case "depth":  # bones from the pelvis, and the mean jerk of the joints there
-            y = jitter.by_depth
+            y = jitter.jerk_by_depth
         case "joints":  # place in `JOINT_ORDER`, and jerk; a gap wherever a limb ends
             starts = [k for k, j in enumerate(JOINT_ORDER) if JOINT_NAMES[j].endswith(_GROUP_ENDS)]
             x = np.insert(np.arange(len(JOINT_ORDER), dtype=float), starts, np.nan)
-            return x, np.insert(jitter.by_joint[list(JOINT_ORDER)], starts, np.nan)
+            return x, np.insert(jitter.jerk_by_joint[list(JOINT_ORDER)], starts, np.nan)
         case "spectrum":  # frequency, and the share of the point's velocity power in percent
             x, y = jitter.spectrum or (np.zeros(0), np.zeros(0))
             return x, 100.0 * y
         case "attribution":  # place in the chain, and drop of the point's jerk in percent
             y = 100.0 * jitter.jerk_drop_by_joint
         case _:  # frame of the window, or of the detected period, and mean jerk
-            y = jitter.by_window_frame
+            y = jitter.jerk_by_frame_in_period
     return np.arange(len(y), dtype=float), y
 
 
@@ -184,7 +180,7 @@ def draw_jitter_sheet(sheet: JitterSheet) -> "Figure":
     for axes in rows["seams"]:
         if sheet.window_advance:
             every = sheet.window_advance
-            axes.set_xlabel(f"frame in the window (windows every {every}; overlap shaded)")
+            axes.set_xlabel(f"frame in the window (every {every} frames; overlap shaded)")
             axes.axvspan(-0.5, sheet.window_overlap - 0.5, color="#ececec", lw=0.0, zorder=0.2)
         else:
             axes.set_xlabel("frame in the detected period")
@@ -195,14 +191,15 @@ def draw_jitter_sheet(sheet: JitterSheet) -> "Figure":
 def _titles(sheet: JitterSheet) -> dict[str, tuple[str, str]]:
     """Return the title and the y label of each row."""
     seams = "e  Window seams: mean jerk of all joints by frame in the generation window"
-    periods = (
-        "e  Periodic jerk: mean jerk of the periodic body part by frame in the detected period"
-    )
+    periods = "e  Periodic jerk: mean by frame in the detected period, for its clearest body part"
     attribution = (
         f"d  Attribution: reduction of {sheet.tracked_point} jerk if only this joint is filtered"
     )
     return {
-        "depth": ("a  Mean jerk of the joints at each number of bones from the pelvis", _JERK),
+        "depth": (
+            "a  Mean jerk of joints by their distance from the pelvis (number of bones)",
+            _JERK,
+        ),
         "joints": ("b  Jerk of each joint, unfiltered", _JERK),
         "spectrum": (f"c  Velocity spectrum of the {sheet.tracked_point}", "power (%)"),
         "attribution": (attribution, "jerk reduction (%)"),
@@ -246,7 +243,7 @@ def _scale(axes: "Axes", row: str, curves: Sequence[Curves]) -> None:
             axes.yaxis.set_major_formatter("{x:g}")
             axes.minorticks_off()
     else:
-        style.scale_from_zero(axes, values)
+        style.set_y_from_zero_with_grid(axes, values)
 
 
 def jitter_sheet_caption(sheet: JitterSheet, clip: str, last_sentence: str) -> str:
@@ -267,9 +264,9 @@ def jitter_sheet_caption(sheet: JitterSheet, clip: str, last_sentence: str) -> s
     if sheet.window_advance == 0:
         parts += [
             f"The jerk of {name} repeats every {frames} frames, most clearly in the {part}."
-            for name, (frames, part) in sheet.periods_and_parts.items()
+            for name, (frames, part) in sheet.drawn_periods_and_parts.items()
         ]
-        without = [name for name in sheet.jitter if name not in sheet.periods_and_parts]
+        without = [name for name in sheet.jitter if name not in sheet.drawn_periods_and_parts]
         if without:
             parts.append(f"The jerk of {', '.join(without)} has no period of 2 to 240 frames.")
     return " ".join([*parts, last_sentence]).strip()

@@ -16,7 +16,7 @@ from jaxtyping import Shaped
 
 from renderer.figures.curves import (
     SpeechEffectRow,
-    draw_error_along_chain,
+    draw_noise_shift_along_chain,
     draw_sampling_step_sweep,
     draw_speech_effect,
 )
@@ -33,7 +33,7 @@ DRAW_FUNCTIONS: Mapping[str, "Callable[[Any], Figure]"] = {
     "jitter": draw_jitter_sheet,
     "speech_effect": draw_speech_effect,
     "hearing": draw_speech_effect,  # its former name
-    "error_growth": draw_error_along_chain,
+    "error_growth": draw_noise_shift_along_chain,
     "steps": draw_sampling_step_sweep,
 }
 """Functions that redraw a run's figures from the saved contents, by the figure's name."""
@@ -42,10 +42,14 @@ _KINDS: Mapping[str, Any] = {
 }
 _RENAMED = {
     "HearingRow": "SpeechEffectRow",
+    "arm_speed": "arm_speed_deg_s",
     "asked_panels": "requested_panels",
+    "by_depth": "jerk_by_depth",
+    "by_joint": "jerk_by_joint",
     "chain_drop": "jerk_drop_by_joint",
     "cropped_to": "crop_joints",
-    "by_phase": "by_window_frame",
+    "by_phase": "jerk_by_frame_in_period",
+    "by_window_frame": "jerk_by_frame_in_period",
     "period": "period_and_part",
     "shares": "speech_and_noise_shares",
     "values": "joint_jerk",
@@ -74,11 +78,7 @@ def save_figure_contents(path: Path, name: str, contents: object, caption: str) 
 
 
 def draw_saved_figure(path: Path, out: Path) -> None:
-    """Draw a figure from a file of `save_figure_contents`, in the format of the suffix of ``out``.
-
-    Raises:
-        FigureError: for a file that holds no figure.
-    """
+    """Draw a figure saved by `save_figure_contents`, by suffix of ``out``; raises FigureError."""
     try:
         with np.load(path, allow_pickle=False) as arrays:
             metadata = json.loads(arrays[_TEXT].tobytes())

@@ -43,8 +43,7 @@ FONTS = Path(__file__).parents[1] / "assets" / "fonts"
 CONTENTS_SUFFIX = ".figure.npz"
 """Suffix of files from which other formats are drawn, see `renderer.figures.saved_figures`."""
 SIMPLIFIED_PX = 0.05
-"""Largest distance (pixels of the PNG) between a dense line and its simplification in SVG and PDF.
-"""
+"""Largest distance (PNG pixels) between a dense line and its simplification in SVG and PDF."""
 _PNG_COMPRESSION = 3  # zlib level; 6 takes twice as long for files 5 % smaller
 
 TITLE_PT, LABEL_PT, SMALL_PT = 7.5, 7.0, 6.0
@@ -226,8 +225,8 @@ def short_joint_name(joint_name: str) -> str:
     return f"{words[:-1]} {words[-1]}" if words[-1:].isdigit() else words
 
 
-def scale_from_zero(axes: "Axes", *values: Any) -> None:
-    """Set a grid and a linear scale from zero to a little above the highest value."""
+def set_y_from_zero_with_grid(axes: "Axes", *values: Any) -> None:
+    """Set a linear y axis from zero to a little above the highest value, with a grid."""
     numbers = np.concatenate([np.asarray(each, float).ravel() for each in values or [[]]])
     highest = float(numbers[np.isfinite(numbers)].max(initial=0.0))
     axes.set_ylim(0.0, 1.08 * highest or 1.0)

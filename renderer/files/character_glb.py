@@ -18,13 +18,10 @@ from renderer.body.gltf import Gltf, read_glb_bytes
 from renderer.files.glb import GlbBuilder, glb_bytes, make_animation
 
 
-def animated_glb(
+def character_glb_bytes(
     body: Body, motion: BodyMotion, markers: Sequence[tuple[float, str]] = ()
 ) -> bytes:
-    """Return a character's own file with the motion as its animation; of other bodies, a new file.
-
-    Args:
-        markers: times in seconds with names, which are written into the animation.
+    """Return a character's own file with the motion as animation; other bodies as `glb_bytes` does.
 
     Raises:
         BodyError: if the character's file has changed or gone since it was read.
@@ -35,7 +32,9 @@ def animated_glb(
     try:
         gltf = Gltf(read_glb_bytes(rig.path), body.name)
     except OSError as error:
-        raise BodyError(f"{body.name} is not there any more.") from error
+        raise BodyError(
+            f"The character file {body.name} can no longer be read; choose it again."
+        ) from error
     buffer = GlbBuilder(gltf.document, gltf.binary)
     channels: list[tuple[int, str, int]] = []
     for node, (rotations, translations) in _local_transforms(gltf, body, motion).items():
@@ -57,7 +56,7 @@ def _local_transforms(
     assert rig is not None
     to_file = Rotation.from_matrix(rig.R_file_to_body.T)
     joint_of = {node: joint for joint, node in enumerate(rig.joint_nodes) if node >= 0}
-    world, positions = body.global_transforms(motion)
+    world, positions = body.global_transforms_without_trans(motion)
     rest = Rotation.from_matrix(_rotations(gltf.world))
     local = Rotation.from_matrix(_rotations(gltf.local))
     moved: dict[int, Rotation] = {}

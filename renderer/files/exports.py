@@ -23,7 +23,7 @@ def write_posed_mesh(body: Body, motion: BodyMotion, frame: int, out: Path) -> N
     """Write the posed body in metres, y up; the suffix of ``out`` selects the format."""
     import trimesh  # takes long to import, and only this function needs it
 
-    (vertices,) = np.concatenate(list(body.vertices(select_frames(motion, [frame]))))
+    (vertices,) = np.concatenate(list(body.posed_vertices(select_frames(motion, [frame]))))
     shown = np.sqrt(body.vertex_colors)  # linear
     if (texture := body.texture) is not None:
         rows, columns = (np.array(texture.pixels.shape[:2]) * texture.uv[:, ::-1]).astype(int).T

@@ -54,7 +54,6 @@ def glb_bytes(
 
     Args:
         coarser_faces: faces of meshes with fewer faces for slow viewers, which no node shows.
-        markers: times in seconds with names, which are written into the animation.
     """
     vertices, joints = body.shaped_vertices_and_joints(motion)
     buffer = GlbBuilder()
@@ -359,7 +358,7 @@ STEP_M = 4e-6
 """Step of the integer offsets (m): offsets of up to 13 cm fit, and those of builds are below 5."""
 
 
-def body_build_offsets_bytes() -> bytes:
+def body_build_bytes() -> bytes:
     """Return vertex offsets and normals of all builds after the first; 180 kB per build."""
     first = read_body_file(OPEN_BODY_PATH)
     normals_of = VertexNormals(first.faces, len(first.template))

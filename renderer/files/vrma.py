@@ -23,15 +23,11 @@ _EYES = ("left_eye", "right_eye")
 
 
 def vrma_bytes(body: Body, motion: BodyMotion, markers: Sequence[tuple[float, str]] = ()) -> bytes:
-    """Return the file as bytes: about 14 kB per second of motion.
-
-    Args:
-        markers: times in seconds with names, which are written into the animation.
-    """
+    """Return the file, about 14 kB per second of motion, with named markers at times (s)."""
     template, rest = body.shaped_vertices_and_joints(motion)
     pose = _t_pose(rest, float(template[:, 1].min()))
     turns = rest_to_zero_pose_rotations(dict(zip(JOINT_NAMES, pose, strict=True)), {}, rest, {})
-    world, positions = body.global_transforms(motion)
+    world, positions = body.global_transforms_without_trans(motion)
     world = world @ np.array([turn.as_matrix() for turn in turns])
     bones = {JOINT_INDEX[joint]: bone for bone, joint in VRM_BONE_TO_JOINT.items()}
     joints = [each for each in range(NUM_JOINTS) if JOINT_NAMES[each] not in ("jaw", *_EYES)]
@@ -58,11 +54,12 @@ def vrma_bytes(body: Body, motion: BodyMotion, markers: Sequence[tuple[float, st
         moved[:, 0] = weights.clip(0, 1)
         channels.append((len(nodes), "translation", buffer.add_accessor(moved)))
         nodes.append({"name": name})
+    eyes = rest[[JOINT_INDEX[eye] for eye in _EYES]].mean(axis=0) - rest[JOINT_INDEX["head"]]
     extension = {
         "specVersion": "1.0",
         "humanoid": {"humanBones": {bones[each]: {"node": at} for at, each in enumerate(joints)}},
         "expressions": {"preset": presets},
-        "lookAt": {"node": roots[1], "offsetFromHeadBone": _between_eyes(rest).tolist()},
+        "lookAt": {"node": roots[1], "offsetFromHeadBone": eyes.tolist()},
     }
     return buffer.to_glb(
         asset=ASSET,
@@ -95,10 +92,6 @@ def _t_pose(rest: Float64[np.ndarray, "J 3"], ground: float) -> Float64[np.ndarr
     ankle = JOINT_INDEX["left_ankle"]
     joints[:, 1] += rest[ankle, 1] - ground - joints[ankle, 1]
     return joints
-
-
-def _between_eyes(rest: Float64[np.ndarray, "J 3"]) -> Float64[np.ndarray, " 3"]:
-    return rest[[JOINT_INDEX[eye] for eye in _EYES]].mean(axis=0) - rest[JOINT_INDEX["head"]]
 
 
 def _preset_weights(body: Body, motion: BodyMotion) -> dict[str, Float[np.ndarray, " T"]]:

@@ -164,11 +164,7 @@ class Orbit:
         return self != Orbit()
 
     def check(self) -> None:
-        """Check that all values are within their limits.
-
-        Raises:
-            ValueError: with one sentence.
-        """
+        """Check that all values are within their limits; raises ValueError with one sentence."""
         for what, value, least, most in (
             ("yaw", self.yaw_rad, -1e6, 1e6),
             ("pitch", self.pitch_rad, -MAX_PITCH_RAD, MAX_PITCH_RAD),
@@ -178,15 +174,11 @@ class Orbit:
         ):
             if not least <= value <= most:
                 raise ValueError(
-                    f"The camera's {what} must be {least:g} to {most:g}; got {value:g}."
+                    f"The camera's {what} must be from {least:g} to {most:g}; got {value:g}."
                 )
 
     def apply(self, camera: Camera, around: Float[np.ndarray, " 3"]) -> Camera:
-        """Return the moved camera.
-
-        Args:
-            around: centre of the orbit (m), which stays at its depth in the picture.
-        """
+        """Return the camera moved around a point (m), which stays at its depth in the picture."""
         right, up, backward = camera.axes()
         distance = float(backward @ np.subtract(camera.eye, around))
         middle = np.asarray(camera.eye) - distance * backward

@@ -27,7 +27,7 @@ _CLOSE_UP_FLESH = {
 }
 """Parts of joint names whose vertices a close-up draws: a hand alone is hidden by nothing, and
 takes a tenth of the time of a body."""
-CLOSE_UP_JOINTS = {
+FOLLOWED_CLOSE_UP_JOINTS = {
     "face": [JOINT_INDEX[name] for name in ("head", "jaw", "left_eye", "right_eye")],
     **{
         f"{side}_hand": [
@@ -84,30 +84,28 @@ class Panel:
     @property
     def box(self) -> tuple[slice, slice]:
         """Rows and columns of the panel."""
-        return (
-            slice(self.top, self.top + self.height),
-            slice(self.left, self.left + self.width),
-        )
+        return (slice(self.top, self.top + self.height), slice(self.left, self.left + self.width))
 
 
 def layout_panels(
-    view: str, width: int, height: int, close_ups: Sequence[str]
+    view: str, body_width: int, body_height: int, close_ups: Sequence[str]
 ) -> tuple[Panel, ...]:
     """Return the panels: the body, then the close-ups, with the face above and the hands below.
 
     Args:
-        width, height: size of the body's panel; each close-up adds half a width to the height.
+        body_width, body_height: size of the body's panel; each close-up adds half its width to
+            the height.
     """
-    tall = width // 2 - width // 2 % 2
+    tall = body_width // 2 - body_width // 2 % 2
     above = tall if "face" in close_ups else 0
-    panels = [Panel(view, 0, above, width, height)]
+    panels = [Panel(view, 0, above, body_width, body_height)]
     if "face" in close_ups:
-        panels.append(Panel("face", 0, 0, width, tall))
+        panels.append(Panel("face", 0, 0, body_width, tall))
     if "hands" in close_ups:
         right, left = CLOSE_UP_VIEWS["hands"]
-        top = above + height
-        panels.append(Panel(right, 0, top, width // 2, tall))
-        panels.append(Panel(left, width // 2, top, width - width // 2, tall))
+        top = above + body_height
+        panels.append(Panel(right, 0, top, body_width // 2, tall))
+        panels.append(Panel(left, body_width // 2, top, body_width - body_width // 2, tall))
     return tuple(panels)
 
 
@@ -121,7 +119,7 @@ class SubMesh:
     """Faces as indices into ``vertices``."""
 
 
-def close_up_joints(view: str) -> list[int]:
+def drawn_close_up_joints(view: str) -> list[int]:
     """Return the joints of the vertices that a close-up shows."""
     parts = _CLOSE_UP_FLESH[view]
     return [j for j, name in enumerate(JOINT_NAMES) if any(part in name for part in parts)]
@@ -129,7 +127,7 @@ def close_up_joints(view: str) -> list[int]:
 
 def close_up_mesh(body: Body, view: str) -> SubMesh:
     """Return the part that a close-up shows; an arm ends closed in the middle of the upper arm."""
-    is_near = np.isin(body.dominant_joints, close_up_joints(view))
+    is_near = np.isin(body.dominant_joints, drawn_close_up_joints(view))
     side = view.removesuffix("_hand")
     if is_arm := side != view:
         shoulder, elbow = (JOINT_INDEX[f"{side}_{name}"] for name in ("shoulder", "elbow"))
@@ -194,7 +192,11 @@ class CameraSetup:
     def pixel_size_m(self, panel_camera: PanelCamera, height_px: int) -> float:
         """Return the size of a pixel (m) at the centre or tracked point; 0 behind the camera."""
         x, z = (0.0, 0.0) if panel_camera.is_following else self.centre_xz
-        up_m = 0.0 if panel_camera.view in CLOSE_UP_JOINTS else self.floor_m + ORBIT_CENTRE_HEIGHT_M
+        up_m = (
+            0.0
+            if panel_camera.view in FOLLOWED_CLOSE_UP_JOINTS
+            else self.floor_m + ORBIT_CENTRE_HEIGHT_M
+        )
         camera = panel_camera.camera
         away_m = float(camera.axes()[2] @ np.subtract(camera.eye, (x, up_m, z)))
         return max(away_m, 0.0) * 2.0 * float(np.tan(camera.yfov_rad / 2.0)) / height_px
@@ -251,7 +253,6 @@ def make_camera_setup(
     frame only as much of the arm as there is room for.
 
     Args:
-        view: one of ``conventions.views.VIEWS``.
         aspect: width of the picture by its height.
         close_ups: panels that show parts of the body next to the picture.
         framing: framing of a view that is not a close-up.
@@ -260,11 +261,11 @@ def make_camera_setup(
     if framing == "knees":
         knees = [JOINT_INDEX[f"{side}_knee"] for side in ("left", "right")]
         reach[knees] = np.minimum(reach[knees], KNEE_FLESH_M)
-    joints = CLOSE_UP_JOINTS.get(view, _framed(framing))
-    sigma = CLOSE_UP_SIGMA_FRAMES if view in CLOSE_UP_JOINTS else WALK_SIGMA_FRAMES
+    joints = FOLLOWED_CLOSE_UP_JOINTS.get(view, _framed(framing))
+    sigma = CLOSE_UP_SIGMA_FRAMES if view in FOLLOWED_CLOSE_UP_JOINTS else WALK_SIGMA_FRAMES
     setups = [(view, aspect, joints, reach[joints], sigma)]
     for panel in close_ups:
-        joints, is_face = CLOSE_UP_JOINTS[panel.view], panel.view == "face"
+        joints, is_face = FOLLOWED_CLOSE_UP_JOINTS[panel.view], panel.view == "face"
         flesh = reach[joints] if is_face else np.minimum(reach[joints], FINGERTIP_M)
         sigma = CLOSE_UP_SIGMA_FRAMES if is_face else STEADY_SIGMA_FRAMES
         setups.append((panel.view, panel.aspect, joints, flesh, sigma))
@@ -284,7 +285,11 @@ def make_camera_setup(
     wandered_m = float(np.ptp(pelvises, axis=0).max())
     panel_cameras = []
     for place, (name, ratio, _, flesh, sigma) in zip(places, setups, strict=True):
-        if not panel_cameras and view not in CLOSE_UP_JOINTS and wandered_m <= FOLLOW_DISTANCE_M:
+        if (
+            not panel_cameras
+            and view not in FOLLOWED_CLOSE_UP_JOINTS
+            and wandered_m <= FOLLOW_DISTANCE_M
+        ):
             place, sigma = from_afar, None
         points = np.concatenate(place)
         radius = np.broadcast_to(flesh, points.shape[:2]).ravel()
@@ -335,8 +340,8 @@ def _track(
 
     It stays near that point; the height of the pelvis counts for a body that rises far.
     """
-    if view in CLOSE_UP_JOINTS:
-        middle, lead_m = positions[:, CLOSE_UP_JOINTS[view]].mean(axis=1), CLOSE_UP_LEAD_M
+    if view in FOLLOWED_CLOSE_UP_JOINTS:
+        middle, lead_m = positions[:, FOLLOWED_CLOSE_UP_JOINTS[view]].mean(axis=1), CLOSE_UP_LEAD_M
     else:
         middle, lead_m = positions[:, 0].copy(), MAX_LEAD_M
         if np.ptp(middle[:, 1]) > FOLLOW_DISTANCE_M:

@@ -136,8 +136,8 @@ class PosedFrame:
 
 
 @dataclass(frozen=True)
-class Subject:
-    """Data that stay the same in all pictures."""
+class StaticBody:
+    """Data of the drawn body and ground that are the same in all pictures."""
 
     faces: Int[np.ndarray, "F 3"]
     colors: Float[np.ndarray, "V 3"]
@@ -173,11 +173,7 @@ class PosedFrameBuilder:
         colors: Float[np.ndarray, "V 3"] | None = None,
         behind: PosedFrame | None = None,
     ) -> PosedFrame:
-        """Compute normals, floor and shadow of a frame.
-
-        Args:
-            behind: frame with the ground behind these vertices, which is reused.
-        """
+        """Compute normals, floor and shadow of a frame; ``behind`` has the ground to reuse."""
         if behind is not None:
             normals = self.normals(vertices)
             return replace(behind, vertices=vertices, normals=normals, colors=colors)

@@ -13,7 +13,7 @@ from renderer.scene.camera_setup import CameraSetup
 from renderer.scene.studio import STUDIO
 
 
-def draw_baseline(
+def draw_with_plain_pyrender(
     frames: Sequence[Float[np.ndarray, "V 3"]], body: Body, stage: CameraSetup, size_px: int
 ) -> list[np.ndarray]:
     """Draw precomputed vertices as in pyrender's examples.

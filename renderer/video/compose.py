@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from jaxtyping import UInt8
@@ -26,19 +26,19 @@ _YUV_FILTER = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
 
 
 OverlayMode = Literal["ghost", "wipe", "flicker"]
-OVERLAY_MODES: tuple[OverlayMode, ...] = get_args(OverlayMode)
 FLICKER_FRAMES = 15
 """Frames between changes (half a second): far too slow to cause photosensitive seizures."""
 
 
 @dataclass(frozen=True)
-class OverlayPair:
+class SuperposedPair:
     """Overlay of two videos: the second over the first's body panel, with its close-ups."""
 
     mode: OverlayMode
     """Kind of overlay; a ghost prints each video in its ink."""
     width: int
     height: int
+    """Size of the result (pixels)."""
     body: Panel
     """Panel of the body in both videos and in the result."""
     second_close_ups: tuple[Panel, ...] = ()
@@ -62,7 +62,7 @@ def compose_videos(
     on_progress: Callable[[float], None] = lambda share: None,
     should_cancel: Callable[[], bool] = lambda: False,
     num_columns: int | None = None,
-    pair: OverlayPair | None = None,
+    pair: SuperposedPair | None = None,
 ) -> None:
     """Compose videos side by side with bands of labels above each row, or overlay two of them.
 
@@ -71,10 +71,7 @@ def compose_videos(
 
     Args:
         labels: one for each video; drawn smaller, or cut, if it is too long for its picture.
-        on_progress: called with the finished share, 0 to 1.
-        should_cancel: called several times a second.
         num_columns: columns of each row but the last; None for the largest pictures.
-        pair: overlay of two videos; None for side by side.
 
     Raises:
         Cancelled: if ``should_cancel`` returns true; no file is left.
@@ -170,9 +167,6 @@ def fit_grid(
     """Return the grid with the largest pictures on a screen, never enlarged.
 
     Of equal ones it has the fewest rows.
-
-    Args:
-        num_columns: fixed number of columns; None to choose it.
     """
     best, best_scale = None, 0.0
     columns = [-(-num_pictures // num_rows) for num_rows in range(1, num_pictures + 1)]
@@ -228,7 +222,7 @@ def _left_edge(num_pictures: int, picture_width: int, width: int) -> int:
     return 2 * ((width - num_pictures * picture_width) // 4)
 
 
-def _overlay_filter(held: Sequence[str], pair: OverlayPair) -> list[str]:
+def _overlay_filter(held: Sequence[str], pair: SuperposedPair) -> list[str]:
     """Return ffmpeg's filter graph of an overlay: both padded to the result, the second on top."""
     whole = [f"{each},pad={pair.width}:{pair.height}:0:0:white" for each in held]
     body = pair.body
@@ -284,15 +278,15 @@ def _crop(panel: Panel) -> str:
     return f"crop={panel.width}:{panel.height}:{panel.left}:{panel.top}"
 
 
-def label_band_height(picture_height: int) -> int:
-    """Return the label band's height in pixels: even, in proportion to the shorter side."""
-    return 2 * max(12, round(picture_height / 28))
+def label_band_height(shorter_side_px: int) -> int:
+    """Return a label band's height in pixels: even, in proportion to a picture's shorter side."""
+    return 2 * max(12, round(shorter_side_px / 28))
 
 
 def draw_label_band(
     labels: Sequence[str],
     picture_width: int,
-    picture_height: int,
+    shorter_side_px: int,
     width: int | None = None,
     label_colors: Sequence[str] | None = None,
 ) -> UInt8[np.ndarray, "B W 3"]:
@@ -300,9 +294,8 @@ def draw_label_band(
 
     Args:
         width: width of the band if it is wider than its row, which is then centred.
-        label_colors: colours of the labels, as #rrggbb.
     """
-    height = label_band_height(picture_height)
+    height = label_band_height(shorter_side_px)
     width = width or picture_width * len(labels)
     left = _left_edge(len(labels), picture_width, width)
     band = Image.new("RGB", (width, height), _PAPER)

@@ -39,11 +39,7 @@ def partial_path(out: Path, process_id: int) -> Path:
 
 
 def check_video_size(width: int, height: int) -> None:
-    """Check that both sizes are even, as yuv420p halves both axes.
-
-    Raises:
-        ValueError: if one is odd or not positive.
-    """
+    """Check that sizes are positive and, as yuv420p halves them, even; raises ValueError."""
     if width < 2 or height < 2 or width % 2 or height % 2:
         raise ValueError(
             f"A video of {width} x {height} pixels cannot be encoded; width and height must be "
@@ -52,11 +48,7 @@ def check_video_size(width: int, height: int) -> None:
 
 
 def ffmpeg_path() -> str:
-    """Return the path of the ffmpeg binary.
-
-    Raises:
-        VideoError: if there is none.
-    """
+    """Return the path of the ffmpeg binary; raises VideoError if there is none."""
     try:
         path = imageio_ffmpeg.get_ffmpeg_exe()
     except RuntimeError as error:
@@ -71,11 +63,7 @@ def ffmpeg_path() -> str:
 
 
 def run_ffmpeg(*arguments: str, log_level: str = "error") -> str:
-    """Run ffmpeg and return its standard output, or its messages if ``log_level`` is "info".
-
-    Raises:
-        VideoError: if it fails, with its last message.
-    """
+    """Run ffmpeg; return its output, or messages at ``log_level`` "info"; raises VideoError."""
     run = subprocess.run(
         [ffmpeg_path(), "-hide_banner", "-nostats", "-loglevel", log_level, "-y", *arguments],
         stdin=subprocess.DEVNULL,
@@ -100,11 +88,7 @@ class VideoInfo:
 
 
 def probe_video(video: Path) -> VideoInfo:
-    """Read size and exact number of frames; packets are counted, not decoded.
-
-    Raises:
-        VideoError: if the file is missing or holds no video.
-    """
+    """Read size and number of frames, by counting packets; raises VideoError if it has none."""
     copied = ("-map", "0:v:0", "-c", "copy", "-f", "null", "-")
     try:
         output = run_ffmpeg("-stats", "-i", str(video), *copied, log_level="info")
@@ -181,11 +165,7 @@ class Encoder:
         self._process: subprocess.Popen[bytes]
 
     def __enter__(self: Own) -> Own:
-        """Start ffmpeg.
-
-        Raises:
-            VideoError: if there is no ffmpeg, or the folder does not exist.
-        """
+        """Start ffmpeg; raises VideoError if there is no ffmpeg, or the folder does not exist."""
         if not self.out.parent.is_dir():
             raise VideoError(f"The video cannot be written: {self.out.parent} is not a folder.")
         command = [
@@ -208,11 +188,7 @@ class Encoder:
     def wait_with_progress(
         self, on_progress: Callable[[float], None], should_cancel: Callable[[], bool]
     ) -> None:
-        """Report the finished share several times a second, until ffmpeg ends.
-
-        Raises:
-            Cancelled: if ``should_cancel`` returns true.
-        """
+        """Report the finished share until ffmpeg ends; raises Cancelled on ``should_cancel``."""
         assert self._process.stdout is not None
         for line in self._process.stdout:
             key, _, value = line.decode(errors="replace").strip().partition("=")
@@ -222,11 +198,7 @@ class Encoder:
                 on_progress(min(int(value) / self._num_frames, 1.0))
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        """Complete the file, or remove it after an exception.
-
-        Raises:
-            VideoError: if ffmpeg failed; then there is no file.
-        """
+        """Complete the file; remove it after an exception, or if ffmpeg failed (VideoError)."""
         if kind is not None:
             self._abort()
             return
@@ -293,11 +265,7 @@ class VideoWriter(Encoder):
         super().__init__(out, inputs, (*colors, "-threads", "1"), num_frames, speech_wav, crf)
 
     def write(self, frame: UInt8[np.ndarray, "H W 3"]) -> None:
-        """Append one RGB frame, upper row first; waits while ffmpeg is busy.
-
-        Raises:
-            VideoError: if ffmpeg has ended.
-        """
+        """Append one RGB frame, upper row first; blocks; raises VideoError if ffmpeg has ended."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(np.ascontiguousarray(frame).data)

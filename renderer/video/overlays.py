@@ -43,7 +43,7 @@ class Trail:
 
     points: Float[np.ndarray, "T 3"]
     """Position of the point in each frame (T, 3), metres."""
-    speeds: Float[np.ndarray, " T"]
+    normalized_speeds: Float[np.ndarray, " T"]
     """Speed as a share of the end of the scale, 0 to 1."""
     is_spike: Bool[np.ndarray, " T"]
     """Mask (T,) of frames with a dot."""
@@ -53,7 +53,7 @@ class Trail:
     """View of the close-up that also shows the trail; empty for none."""
     is_in_body_panel: bool = True
     """True if the body's own panel shows the trail."""
-    num_frames: int = TRAIL_FRAMES
+    length_frames: int = TRAIL_FRAMES
     """Length of the trail in frames before the current one."""
 
 
@@ -96,25 +96,21 @@ def _along(colors: Num[np.ndarray, "N C"], shares: Float[np.ndarray, "*S"]) -> n
 class OverlayPainter:
     """Painter of overlays on pictures that are composed of panels."""
 
-    def __init__(self, marks: Overlays, panels: Sequence[Panel]) -> None:
-        self._trail = marks.trail
+    def __init__(self, overlays: Overlays, panels: Sequence[Panel]) -> None:
+        self._trail = overlays.trail
         self._panels = panels
         self._with_trail: list[int] = []
-        if marks.trail is not None:
-            shown = {marks.trail.close_up_view} | (
-                {panels[0].view} if marks.trail.is_in_body_panel else set()
+        if overlays.trail is not None:
+            shown = {overlays.trail.close_up_view} | (
+                {panels[0].view} if overlays.trail.is_in_body_panel else set()
             )
             self._with_trail = [i for i, panel in enumerate(panels) if panel.view in shown]
-        self._plates = _static_images(marks, panels)
+        self._plates = _static_images(overlays, panels)
 
     def paint(
         self, picture: UInt8[np.ndarray, "H W C"], frame: int, cameras: Sequence[Camera]
     ) -> UInt8[np.ndarray, "H W C"]:
-        """Paint the overlays of a frame on its picture.
-
-        Args:
-            cameras: cameras of the panels in this frame.
-        """
+        """Paint the overlays of a frame on its picture, with the cameras of its panels."""
         painted = Image.fromarray(picture)
         for i in self._with_trail:
             assert self._trail is not None
@@ -132,7 +128,7 @@ PlacedImage = tuple[tuple[int, int], Image.Image]
 
 def _drawn_trail(panel: Panel, trail: Trail, frame: int, camera: Camera) -> PlacedImage | None:
     """Draw the trail up to a frame within a panel; parts outside are cut off."""
-    frames = np.arange(max(0, frame - trail.num_frames), frame + 1)
+    frames = np.arange(max(0, frame - trail.length_frames), frame + 1)
     way = camera.project(trail.points[frames], panel.width, panel.height)
     if not np.isfinite(way).all():
         return None
@@ -144,7 +140,7 @@ def _drawn_trail(panel: Panel, trail: Trail, frame: int, camera: Camera) -> Plac
     layer = Image.new("RGBA", tuple(_SMOOTH * (high - low)), (255, 255, 255, 0))
     draw = ImageDraw.Draw(layer)
     places = [tuple(place) for place in (way - low) * _SMOOTH]
-    colors = _along(SPEED_COLORS, trail.speeds[frames]).astype(int)
+    colors = _along(SPEED_COLORS, trail.normalized_speeds[frames]).astype(int)
     for width_px, is_halo in ((1.8 * thick, True), (thick, False)):
         for i in range(1, len(places)):
             color = (255, 255, 255) if is_halo else tuple(colors[i])
@@ -164,24 +160,24 @@ def _dot(draw: ImageDraw.ImageDraw, place, radius: float, color) -> None:
     draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=color)
 
 
-def _static_images(marks: Overlays, panels: Sequence[Panel]) -> list[PlacedImage]:
+def _static_images(overlays: Overlays, panels: Sequence[Panel]) -> list[PlacedImage]:
     """Return the overlays that are the same in all pictures."""
     body = panels[0]
     size = max(11.0, 0.036 * body.width)
     plates: list[PlacedImage] = []
     bottom = body.top + body.height
-    if marks.notice:
-        band = _band(marks.notice, body.width, 1.5 * size)
+    if overlays.notice:
+        band = _band(overlays.notice, body.width, 1.5 * size)
         bottom -= band.height
         plates.append(((body.left, bottom), band))
-    if marks.close_up_notice:
-        tag = _band(marks.close_up_notice, None, 1.1 * size)
+    if overlays.close_up_notice:
+        tag = _band(overlays.close_up_notice, None, 1.1 * size)
         plates += [((panel.left + 4, panel.top + 4), tag) for panel in panels[1:]]
     legends = []
-    if marks.heat is not None:
-        legends.append(_legend(HEAT_COLORS * 255, marks.heat.legend, size, body.width))
-    if marks.trail is not None and marks.trail.is_in_body_panel:
-        legends.append(_legend(SPEED_COLORS, marks.trail.legend, size, body.width))
+    if overlays.heat is not None:
+        legends.append(_legend(HEAT_COLORS * 255, overlays.heat.legend, size, body.width))
+    if overlays.trail is not None and overlays.trail.is_in_body_panel:
+        legends.append(_legend(SPEED_COLORS, overlays.trail.legend, size, body.width))
     for legend in legends:
         bottom -= legend.height + 4
         plates.append(((body.left + 4, bottom), legend))

@@ -21,7 +21,7 @@ from renderer.scene.camera_setup import (
     make_camera_setup,
     select_frames,
 )
-from renderer.scene.studio import PosedFrame, PosedFrameBuilder, Subject
+from renderer.scene.studio import PosedFrame, PosedFrameBuilder, StaticBody
 from renderer.video.encoder import DEFAULT_CRF, check_video_size
 from renderer.video.overlays import OverlayPainter, Overlays, heat_colors
 
@@ -36,6 +36,7 @@ class RenderSettings:
 
     width: int = 512
     height: int = 512
+    """Size of the body's panel (pixels); close-ups make the picture higher."""
     view: str = "front"
     """View, one of ``conventions.views.VIEWS``."""
     framing: Framing = "whole"
@@ -102,7 +103,7 @@ def draw_frames(
     motion: BodyMotion,
     settings: RenderSettings,
     stage: CameraSetup | None = None,
-    marks: Overlays | None = None,
+    overlays: Overlays | None = None,
     frames: slice | Sequence[int] = slice(None),
 ) -> Generator[UInt8[np.ndarray, "H W C"]]:
     """Yield the pictures of some frames of a motion; each is overwritten by the next.
@@ -130,9 +131,10 @@ def draw_frames(
         for each in zip(stage.panel_cameras, panels, strict=True)
     ]
     ways = [track[frames] for track in stage.followed_positions(body, motion)]
-    heat, painter = marks and marks.heat, OverlayPainter(marks, panels) if marks else None
+    heat = overlays and overlays.heat
+    painter = OverlayPainter(overlays, panels) if overlays else None
     chosen = select_frames(motion, frames)
-    vertices = [chain.from_iterable(mesh.vertices(chosen)) for mesh in meshes]
+    vertices = [chain.from_iterable(mesh.posed_vertices(chosen)) for mesh in meshes]
     colors = [
         heat_colors(mesh, heat.normalized_jerk[frames]) if heat else repeat(None) for mesh in meshes
     ]
@@ -142,7 +144,7 @@ def draw_frames(
     with OffscreenRenderer(settings.backend or choose_backend()) as renderer:
         canvases = [
             renderer.make_canvas(
-                Subject(
+                StaticBody(
                     mesh.faces, mesh.vertex_colors, corners, settings.is_transparent, mesh.texture
                 ),
                 panel.width,
@@ -203,11 +205,7 @@ def _draw_panel_borders(picture: UInt8[np.ndarray, "H W C"], panels: Sequence[Pa
 
 
 def check_frames(frames: Sequence[int], motion: BodyMotion) -> None:
-    """Check that all frames are within a motion.
-
-    Raises:
-        ValueError: if one is outside.
-    """
+    """Check that all frames are within a motion; raises ValueError if one is outside."""
     for frame in frames:
         if not 0 <= frame < motion.num_frames:
             raise ValueError(
@@ -229,10 +227,10 @@ def projected_joints(
     settings: RenderSettings,
     stage: CameraSetup,
 ) -> Float[np.ndarray, "N J 2"]:
-    """Return the pixel coordinates (x, y) of all joints; (0, 0) is the upper left corner.
+    """Return pixels (x, y) of all joints in the body's panel, from its upper left corner.
 
-    The pictures are those of ``draw_frames`` with these settings on this stage, also if the camera
-    follows the body. A joint may be outside its picture, or hidden behind the body.
+    The panels are those of ``draw_frames`` with these settings on this stage, also if the camera
+    follows the body. A joint may be outside the panel, or hidden behind the body.
     """
     chosen = list(frames)
     joints = body.joint_positions(select_frames(motion, chosen))

@@ -6,7 +6,7 @@ from conventions.joints import FINGERTIP_VERTICES, JOINT_INDEX, JOINT_NAMES
 from conventions.views import VIEWS
 from renderer.draw.lighting import lighting_shader_source
 from renderer.scene import camera, camera_setup, studio
-from renderer.scene.camera_setup import CLOSE_UP_VIEWS, close_up_joints
+from renderer.scene.camera_setup import CLOSE_UP_VIEWS, drawn_close_up_joints
 from renderer.scene.studio import ROUGHNESS, STUDIO
 from renderer.video.overlays import HEAT_COLORS, SPEED_COLORS, SPIKE_COLOR, TRAIL_FRAMES
 
@@ -25,8 +25,8 @@ def browser_render_constants() -> dict:
             name: [
                 {
                     "view": view,
-                    "joints": camera_setup.CLOSE_UP_JOINTS[view],
-                    "drawn": close_up_joints(view),
+                    "joints": camera_setup.FOLLOWED_CLOSE_UP_JOINTS[view],
+                    "drawn": drawn_close_up_joints(view),
                 }
                 for view in shown
             ]

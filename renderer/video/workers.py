@@ -32,8 +32,7 @@ from renderer.video.render import RenderSettings, check_frames, draw_frames, sta
 
 PARALLEL_JOBS = 2
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-"""Environment of the processes: the driver's threads draw, and numpy's would only get in the way.
-"""
+"""Environment of the processes: the driver's threads draw, and numpy's would only interfere."""
 _POLL_S = 0.05
 _USER_ERRORS = (BodyError, GLError, ValueError, VideoError)
 """Errors with one sentence as their message."""
@@ -42,7 +41,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class MotionRenderJob:
-    """Job of drawing one motion, with settings, stage and marks, to a video, stills, or both."""
+    """Job of drawing one motion, with settings, stage and overlays, to a video, stills, or both."""
 
     motion: BodyMotion
     out: Path | None = None
@@ -50,12 +49,12 @@ class MotionRenderJob:
     speech_wav: Path | None = None
     settings: RenderSettings = field(default_factory=RenderSettings)
     body_path: Path | None = None
-    """Path of an SMPL-X npz; None is the open body."""
+    """Path of an SMPL-X npz or of a character; None is the open body."""
     look: str = BODY_LOOKS[0]
     """Look of the open body."""
     stage: CameraSetup | None = None
     """Shared camera and floor; None makes them for this motion alone."""
-    marks: Overlays | None = None
+    overlays: Overlays | None = None
     """Overlays of the pictures."""
     still_frames: tuple[int, ...] = ()
     """Frames to return as pictures, in this order."""
@@ -74,7 +73,6 @@ def run_render_jobs(
     together so that no core is idle while one job runs alone: of five by two, the last three.
 
     Args:
-        on_progress: called with the finished share of all frames, 0 to 1; its errors end the work.
         on_done: called with a name when its file is complete, in the order of completion.
 
     Raises:
@@ -168,7 +166,7 @@ class _Worker:
 
     def close(self) -> None:
         """End the process and remove its pipe and partial file."""
-        self._child.end()
+        self._child.kill()
         if self._out is not None:
             partial_path(self._out, self._child.pid).unlink(missing_ok=True)
 
@@ -177,7 +175,7 @@ def worker_error(report: ExitReport) -> RuntimeError:
     """Return the error for a drawing process that died: a driver's crash, or a bug."""
     message = report.user_message(
         "The rendering process",
-        "draw smaller or fewer videos at once",
+        "render smaller videos, or fewer at once",
         "start the rendering again (in a new process)",
         "The most likely cause is the OpenGL driver.",
     )
@@ -209,7 +207,7 @@ def _done(job: MotionRenderJob, tell: Callable[[float], None]) -> UInt8[np.ndarr
     """Draw a job frame by frame, so that memory does not grow with the length of a video."""
     body, settings = load_body(job.body_path, job.look), job.settings
     check_frames(job.still_frames, job.motion)
-    looks = body, job.motion, settings, job.stage, job.marks
+    looks = body, job.motion, settings, job.stage, job.overlays
     if job.out is None:
         return stack_pictures(map(np.copy, draw_frames(*looks, job.still_frames)), settings)
     count, stills = job.motion.num_frames, {}

@@ -23,7 +23,7 @@ from app.page.tabs.runner import Services
 from app.page.visitors.characters import Characters
 from app.page.visitors.job_folders import Jobs
 from app.page.worker import Task, Worker
-from app.run.bodies import TrackedPoint
+from app.run.bodies import PointTracker
 from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks, StageProgress
 from app.run.generated_motions import row_names
 from app.run.output.result_folder import ResultFolder
@@ -90,7 +90,7 @@ def made_services(
     """Of a page without models: what is not given is made."""
     worker = FakeWorker(does=does or {})
     usual = {
-        "config": AppConfig(temp=folder),
+        "config": AppConfig(temp_folder=folder),
         "catalogue": CATALOGUE,
         "jobs": Jobs(folder / "jobs"),
         "worker": worker,
@@ -143,7 +143,7 @@ def measures(jerk: float) -> RawAndFiltered:
     raw = {
         "tip_jerk_m_s3": jerk,
         "tip_acceleration_m_s2": jerk / 20,
-        "tip_velocity_power_above_5hz": 0.0123,
+        "tip_velocity_power_share_above_5hz": 0.0123,
         "seam_jerk_ratio": 1.1,
         "foot_slide_m_s": 0.01,
     }
@@ -213,21 +213,21 @@ def make_generate(
             run.report_progress("motion", 1.0)
             if late_error is not None:
                 raise late_error
-            tip = TrackedPoint()
+            tracker = PointTracker()
             said = (
                 RECOGNISED
-                if request.speech.words == "recognise"
+                if request.speech.word_source == "recognise"
                 else TranscriptLoader(request.speech.transcript, "none").provided
             )
-            run.write_timeline(make_timeline(speech, motions | recorded, "raw", tip), said)
+            run.write_timeline(make_timeline(speech, motions | recorded, "raw", tracker), said)
             run.detect_plans(motions | recorded)
             reference = measures(104.0) if request.imports.reference else None
             jerk = {name: measures(110.0 + 10 * i) for i, name in enumerate(systems)}
             run.report_progress("numbers", 1.0)
-            run.write_metrics(diagnostics_of(reference, **jerk))
+            run.record_metrics(diagnostics_of(reference, **jerk))
             while before_figures is not None and not before_figures.wait(0.05):
                 run.raise_if_cancelled()
-            figure = run.folder.path("figure6.png")
+            figure = run.folder.new_path("figure6.png")
             Image.fromarray(np.full((90, 160, 3), 200, np.uint8)).save(figure)
             run.report_progress("figure", 1.0)
             run.add_files(figure)
@@ -256,10 +256,10 @@ def diagnose(request: AnyRun, callbacks: RunCallbacks) -> None:
         found = diagnostics_of(**{name: measures(120.0) for name in request.motions.names})
         assumed = {name: [dict(ASSUMED)] for name in request.motions.names}
         for row, path in zip(run.record.rows, request.motions.motions, strict=True):
-            row.file_suffix = path.suffix
-        run.write_metrics(replace(found, assumptions=assumed))
+            row.source_suffix = path.suffix
+        run.record_metrics(replace(found, assumptions=assumed))
         for name in ("diagnostics.json", "jitter.png"):
-            path = run.folder.path(name)
+            path = run.folder.new_path(name)
             path.write_bytes(b"0")
             run.add_files(path)
         run.finish(MEASURED.format(motions=f"{len(motions)} motion"))
@@ -278,12 +278,12 @@ def make_draw(
                 while before_video is not None and not before_video(i).wait(0.05):
                     if callbacks.should_cancel():
                         raise Cancelled
-                video = folder.path(f"{safe_file_stem(name)}.mp4")
+                video = folder.new_path(f"{safe_file_stem(name)}.mp4")
                 write_video(video, seconds)
                 callbacks.on_event(StageProgress("video", (i + 1) / len(names)))
                 add_file(run, video, name, "video")
                 callbacks.on_event(FolderUpdated(run))
-            comparison = folder.path("comparison.mp4")
+            comparison = folder.new_path("comparison.mp4")
             write_video(comparison, seconds)
             add_file(run, comparison)
             callbacks.on_event(FolderUpdated(run))

@@ -32,8 +32,8 @@ def diagnostics_of(
     reference: RawAndFiltered | None = None, **systems: RawAndFiltered
 ) -> Diagnostics:
     return Diagnostics(
-        point="right_middle",
-        tip_source="rigid",
+        tracked_point="right_middle",
+        tracked_point_source="rigid",
         windows=GLOBALDIFF_WINDOWS,
         num_frames={},
         notes=[],

@@ -46,7 +46,7 @@ def test_of_the_systems_errors_those_are_told_that_a_person_can_do_something_abo
     )
     assert visitor_message(full) == text.DISK_FULL
     assert message_for_user(OSError(13, "Permission denied")) == (
-        "There is no permission to write to the folder; choose another one."
+        "Permission to write to the folder was denied; choose another folder."
     )
     assert "ran out of memory" in str(message_for_user(MemoryError()))
     assert message_for_user(OSError(2, "No such file")) is None
@@ -78,9 +78,9 @@ def check_refusals(tmp_path):
     missing = tmp_path / "results.csv"
     with as_nobody():
         for path, words in (
-            (hidden, f"no permission to read {hidden};"),
-            (closed / "b.wav", "b.wav; change its permissions"),
-            (missing, f"There is no permission to write to {tmp_path}"),
+            (hidden, f"Permission to read {hidden} was denied;"),
+            (closed / "b.wav", "b.wav was denied; change its permissions"),
+            (missing, f"Permission to write to {tmp_path}"),
         ):
             assert words in str(
                 message_for_user(PermissionError(13, "Permission denied", str(path)))

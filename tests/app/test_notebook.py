@@ -44,7 +44,7 @@ def test_fields_that_no_run_has_are_refused():
     sound = (np.zeros(16_000, np.float32), 16_000)
     for asked, words in (
         ({"sped": 1}, "no option 'sped'; choose from body,"),
-        ({"recognise_words": 1}, "use words="),
+        ({"recognise_words": 1}, "use word_source="),
     ):
         with pytest.raises(RunError, match=words):
             generate(sound, progress=False, **asked)
@@ -66,7 +66,7 @@ def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has():
     found = compare({"calm": calm, "shaken": shaken, "reference": recorded})
     assert list(found.table.columns) == ["calm", "shaken", "reference"]
     calm_jerk, shaken_jerk, _ = found.table.loc[JERK]
-    assert list(found.nearest[JERK]) == ["calm"] and shaken_jerk > 3 * calm_jerk
+    assert list(found.nearest_to_reference[JERK]) == ["calm"] and shaken_jerk > 3 * calm_jerk
     assert not any("beat_align" in key for key in found.table.index)
     assert set(found.rotation_difference_deg) == {
         ("calm", "shaken"),
@@ -75,7 +75,10 @@ def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has():
     }
     shown = found._repr_html_()
     assert f"<b>{calm_jerk:.3g}</b>" in shown and "n/a" in shown and "nan" not in shown
-    assert found.protocols["l1_diversity_m"] == "l1div/emage" and "Protocol workbench/1." in shown
+    assert (
+        found.protocol_id_by_metric["l1_diversity_m"] == "l1div/emage"
+        and "Protocol workbench/1." in shown
+    )
 
 
 def test_speech_becomes_motion_numbers_and_a_player_as_a_run_makes_them(weights):

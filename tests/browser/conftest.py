@@ -29,13 +29,13 @@ from app import text
 from app.config import AppConfig
 from app.page.launch import launch
 from app.run import tasks as run_tasks
-from app.run.batch.saved_run import run_request
+from app.run.batch.saved_run import run_page_request
 from app.run.callbacks import RunCallbacks
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun, DiagnoseRequest
-from app.study.design.plan import read_plan
-from app.study.export import export_study, zip_export
-from app.study.make.workspace import EXPORT_STUDY, ExportRequest
+from app.study.design.plan import read_study_plan
+from app.study.export import add_plan_and_zip, export_study
+from app.study.make.export_folders import EXPORT_STUDY, ExportRequest
 from model.plan.plan import GesturePlan, HandPhase, Nod
 from model.speech.audio import write_wav
 from model.speech.librosa_cache import load_librosa
@@ -249,8 +249,10 @@ def served_blocks(
     Args:
         does: tasks by functions of a test's own, as of `FakeWorker`.
     """
-    tasks = [each for each in vars(run_tasks).values() if isinstance(each, run_tasks.Task)]
-    known = {run_request.__name__, *(task.name for task in (*tasks, EXPORT_STUDY))}
+    tasks = [
+        each for each in vars(run_tasks).values() if isinstance(each, run_tasks.ImportedFunction)
+    ]
+    known = {run_page_request.__name__, *(task.name for task in (*tasks, EXPORT_STUDY))}
     assert does.keys() <= known, "a task of another name would be done by the real one"
     load_librosa()  # where nothing is kept it compiles, for longer than a browser waits for a run
     before = os.environ.get("GRADIO_TEMP_DIR")
@@ -267,10 +269,10 @@ def served_blocks(
 
 def _of_noise(request: ExportRequest, callbacks: RunCallbacks) -> Any:
     """A study of small noise."""
-    plan = replace(read_plan(request.plan), size=64)
+    plan = replace(read_study_plan(request.plan), video_size_px=64)
     asked = (request.out, request.weights, request.body)
     made = export_study(plan, *asked, callbacks, draw_noise)
-    return zip_export(made, request)
+    return add_plan_and_zip(made, request)
 
 
 class Gate:
@@ -304,21 +306,21 @@ class Fake:
 
     def generate(self, *arguments: Any) -> Any:
         if isinstance(arguments[0], DiagnoseRequest):
-            return run_request(*arguments)
+            return run_page_request(*arguments)
         before = self.windows.__getitem__ if self.comes_in_windows else None
         given: dict[str, Any] = {"before_window": before, "before_figures": self.figures}
         run = fakes.make_generate(self.asked.append, seconds=self.seconds, plan=PLAN, **given)
         return run(*arguments)
 
-    def draw_videos_in_background(self, *arguments: Any) -> Any:
+    def draw_run_videos(self, *arguments: Any) -> Any:
         draw = fakes.make_draw(before_video=self.videos.__getitem__, seconds=self.seconds)
         return draw(*arguments)
 
     @property
     def does(self) -> dict[str, Any]:
         return {
-            "run_request": self.generate,
-            "draw_videos_in_background": self.draw_videos_in_background,
+            "run_page_request": self.generate,
+            "draw_run_videos": self.draw_run_videos,
             "export_from_request": _of_noise,
         }
 
@@ -342,7 +344,7 @@ def fake_address(
     """Of a page over `Fake`, which offers globaldiff/local, /global and /full."""
     systems = {**TINY_SYSTEMS, "globaldiff/full": TINY_NETWORK}
     weights = made_once("three-systems", lambda folder: make_weights(folder, systems))
-    config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
+    config = AppConfig(port=0, weights=weights, temp_folder=tmp_path_factory.mktemp("page"))
     with served(config, **the_fake.does) as url:
         yield url
 
@@ -355,14 +357,14 @@ def page_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _without_figures(ask: AnyRun, *told: Any) -> None:
     """They are three quarters of a short run's time, and looked at where `Fake` makes one."""
-    run_request(replace_fields(ask, has_figures=False), *told)
+    run_page_request(replace_fields(ask, has_figures=False), *told)
 
 
 @pytest.fixture(scope="session")
 def real_address(all_weights: Path, page_files: Path) -> Iterator[str]:
     """Of the real page, with a system that performs plans among its tiny ones."""
-    config = AppConfig(port=0, weights=all_weights, temp=page_files)
-    with served(config, run_request=_without_figures, export_from_request=_of_noise) as url:
+    config = AppConfig(port=0, weights=all_weights, temp_folder=page_files)
+    with served(config, run_page_request=_without_figures, export_from_request=_of_noise) as url:
         yield url
 
 

@@ -13,8 +13,8 @@ from playwright.sync_api import BrowserContext, Dialog, Page, expect
 
 from app.config import AppConfig
 from app.page.html_export import standalone_html
-from app.run.bodies import TrackedPoint
-from app.run.output.run_folder import FindingRecord, RunRecord, VerdictRecord, edit_record
+from app.run.bodies import PointTracker
+from app.run.output.run_folder import FindingRecord, RunRecord, VerdictRecord, locked_record
 from app.run.timeline import make_timeline
 from app.study.analyse import AnalysisRequest, analyse
 from model.plan.files import write_plan_file
@@ -105,7 +105,7 @@ def hostile_run(folder: Path, names: Sequence[str]) -> Path:
     run = made_run(folder, HOSTILE[0], jerk=jerk, said=Transcript(words)).folder
     motions = {name: made_motion(60) for name in names}
     made_line = json.loads((run / "timeline.json").read_text())
-    drawn = make_timeline(load_speech(run / "speech.wav"), motions, "raw", TrackedPoint())
+    drawn = make_timeline(load_speech(run / "speech.wav"), motions, "raw", PointTracker())
     (run / "timeline.json").write_text(json.dumps(made_line | drawn))
     phases = [HandPhase(0.0, 0.2, "rest", (0.2, -0.2, 0.2))]
     for k, text in enumerate(HOSTILE[:20]):
@@ -114,7 +114,7 @@ def hostile_run(folder: Path, names: Sequence[str]) -> Path:
         phases.append(HandPhase(at + 0.04, at + 0.08, "stroke", place, "beat", text[:40]))
     plan = GesturePlan(2.0, right=(*phases, HandPhase(1.8, 2.0, "rest", (0.2, -0.2, 0.2))))
     write_plan_file(plan, run / "plan.json")
-    with edit_record(run) as record:
+    with locked_record(run) as record:
         fill(record)
     return run
 
@@ -124,10 +124,12 @@ def fill(record: RunRecord) -> None:
     record.message = " ".join(HOSTILE[:30])
     record.settings = {text: text for text in HOSTILE[:50] if text.strip()}
     record.figure_captions = {text: text for text in HOSTILE if text.strip()}
-    record.verdict = VerdictRecord(numbers=HOSTILE[1], comparison=HOSTILE[3])
+    record.verdict = VerdictRecord(jerk_sentence=HOSTILE[1], comparison=HOSTILE[3])
     rows = [row.name for row in record.rows]
     record.findings = [
-        FindingRecord(name=rows[k % len(rows)], kind=text[:80], sentence=text, worst_time_s=0.5)
+        FindingRecord(
+            motion_name=rows[k % len(rows)], kind=text[:80], sentence=text, worst_time_s=0.5
+        )
         for k, text in enumerate(HOSTILE)
     ]
     for row, text in zip(record.rows, HOSTILE, strict=False):
@@ -141,7 +143,7 @@ def test_a_run_on_the_page_and_as_a_file(
     part: int, context: BrowserContext, sense: Sense, fake: Fake, weights: Path, tmp_path: Path
 ) -> None:
     run = hostile_run(tmp_path / "job", NAMES[part::4][:14])
-    config = AppConfig(port=0, weights=weights, temp=tmp_path / "page", run_to_open=run)
+    config = AppConfig(port=0, weights=weights, temp_folder=tmp_path / "page", run_to_open=run)
     with served(config, **fake.does) as address:
         page = opened(context, address)
         expect(page.locator("#player")).to_contain_text(HOSTILE[1])

@@ -72,8 +72,8 @@ def runs(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> Runs:
 
 @pytest.fixture
 def blocks(runs: Runs, fake: Fake, weights: Path, tmp_path: Path) -> Iterator[Blocks]:
-    config = AppConfig(port=0, weights=weights, temp=tmp_path / "page")
-    with served_blocks(config, **{**fake.does, "run_request": runs.do}) as blocks:
+    config = AppConfig(port=0, weights=weights, temp_folder=tmp_path / "page")
+    with served_blocks(config, **{**fake.does, "run_page_request": runs.do}) as blocks:
         yield blocks
 
 

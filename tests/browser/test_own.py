@@ -103,7 +103,7 @@ def coarse(picture: np.ndarray) -> np.ndarray:
 def away(canvas: np.ndarray, video: np.ndarray, page: Page) -> float:
     """Mean difference in grey levels of the pictures of all bodies, without their names."""
     told = json.loads(page.evaluate(f"{PLAYER}.viewState()"))
-    width, height = told["size"]
+    width, height = told["pictureSize"]
     columns = min(told["columns"], len(told["shown"])) if told["mode"] == "grid" else 1
     seen = canvas[TAG_PX : TAG_PX + round(height), : round(columns * width)]
     band = video.shape[0] - round(video.shape[1] * seen.shape[0] / seen.shape[1])
@@ -173,7 +173,7 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
         }}"""
     )
     ask_for_video(page)
-    expect(page.locator("#own-seen")).to_contain_text("zoom must be 0.4 to 10; got 99")
+    expect(page.locator("#own-seen")).to_contain_text("zoom must be from 0.4 to 10; got 99")
     for look in ((390, 844, "dark"), (1280, 900, "light")):
         turn_to(page, look)
         for _ in range(2):  # one over another, and back
@@ -239,7 +239,7 @@ def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file(
     assert kept.name.endswith(".zip")
     other.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
     other.evaluate(DROPPED, base64.b64encode(kept.read_bytes()).decode("ascii"))
-    expect(other.locator("#own-status")).to_contain_text("was opened from its file")
+    expect(other.locator("#own-status")).to_contain_text("Opened the run from its file")
     other.wait_for_function(OWN_STAGED, arg=1)
     expect(other.locator("#own-runs .link a")).to_be_visible()
     other.close()

@@ -169,9 +169,13 @@ def test_displays_are_switched_at_once_and_nothing_is_asked_of_the_server(page: 
     # What the browser tells of it is what the server reads.
     page.evaluate(f"{LOOK}.set('trailFrames', 12)")
     seen = ViewerState.parse(page.evaluate("document.querySelector('.lockstep').viewState()"))
-    assert seen.mode == "wipe" and seen.look.display.trail_frames == 12
+    assert seen.mode == "wipe" and seen.settings.display.trail_frames == 12
     assert [[panel.view for panel in each] for each in seen.panels] == 2 * [[None, "face"]]
-    assert (seen.look.build, seen.look.tone, seen.look.is_whole) == ("broad", "dark", True)
+    assert (seen.settings.build, seen.settings.tone, seen.settings.shows_whole_body) == (
+        "broad",
+        "dark",
+        True,
+    )
     assert [body.label for body in seen.bodies] == LABELS
     bar.locator(".more").click()
 

@@ -16,7 +16,7 @@ from app.notebook import show
 from app.run.batch.leaderboard import LeaderboardEntry, MetricValue, leaderboard_html
 from app.study.design.key import StudyKey, read_key
 from app.study.design.plan import load_wording
-from app.study.leaks import check_study
+from app.study.leaks import find_leaks
 from app.study.statistics.answers import CollectedAnswers, collect_answers
 from model.speech.audio import Speech
 from tests.app.study.made_study import make_study
@@ -289,7 +289,7 @@ def test_two_participants_complete_a_study_and_their_answers_are_read(
     path = saved_answers(phone, tmp_path)
 
     key, found = host.key("pairwise"), host.collected("pairwise", tmp_path)
-    assert found.left_out == ()
+    assert found.left_out_sentences == ()
     assert sorted(each.list_number for each in found.participants) == [0, 1]
     assert all(is_whole(host, "pairwise", each) for each in found.participants)
     written = json.loads(path.read_text())
@@ -336,7 +336,7 @@ def test_a_video_that_fails_is_tried_again_then_skipped_and_named_ids_alone_are_
     assert written["answers"][0]["value"] is None
     assert written["answers"][0]["skipped"] in written["answers"][0]["shown"]
     found = host.collected("pairwise", tmp_path)
-    assert found.left_out == () and is_whole(host, "pairwise", found.participants[0])
+    assert found.left_out_sentences == () and is_whole(host, "pairwise", found.participants[0])
 
 
 def test_a_video_without_a_new_picture_for_20_s_has_failed(take_part: Callable[..., Page]) -> None:
@@ -399,7 +399,9 @@ def test_speech_is_asked_about_and_answers_are_posted_again_when_the_network_ret
     for number, posted in enumerate(host.posted):
         (tmp_path / f"{number}.json").write_bytes(posted)
     found = host.collected("matched", tmp_path)
-    assert found.left_out == ("1 unfinished file is left out: later files have the same answers.",)
+    assert found.left_out_sentences == (
+        "1 unfinished file is left out: later files of the same participant include the answers.",
+    )
     (participant,) = found.participants
     assert participant.headphones == "skipped" and is_whole(host, "matched", participant)
 
@@ -424,7 +426,7 @@ def test_rankings_and_ratings_are_read_and_the_sound_check_tells_who_hears_the_q
     """Rankings from a file, without any host; a video that is stopped or skipped does not count."""
     ranking, asked = take_part("ranking", is_file=True), list[str]()
     bundle = host.bundle("ranking")
-    assert check_study(bundle.parent) == []
+    assert find_leaks(bundle.parent) == []
     ranking.on("request", lambda request: asked.append(request.url))
     ranking.reload()
     ranking.wait_for_function(FONTS_ARE_THERE)
@@ -448,7 +450,7 @@ def test_rankings_and_ratings_are_read_and_the_sound_check_tells_who_hears_the_q
     (tmp_path / "ranking").mkdir()
     saved_answers(ranking, tmp_path / "ranking")
     found = host.collected("ranking", tmp_path / "ranking")
-    assert found.left_out == () and len(found.participants[0].answers) == 3
+    assert found.left_out_sentences == () and len(found.participants[0].answers) == 3
     for answer in found.participants[0].answers:
         assert answer.value == list(answer.videos[::-1])
     assert asked and all(url.startswith(f"{bundle.as_uri()}/") for url in asked)
@@ -519,7 +521,10 @@ def test_damaged_storage_strands_nobody_and_two_tabs_go_ahead_together(
     expect(second.get_by_role("heading", name=WORDS["finish"]["heading"])).to_be_visible()
     saved_answers(first, tmp_path)
     (found,) = host.collected("pairwise", tmp_path).participants
-    assert is_whole(host, "pairwise", found) and (found.link, found.id) == (token, participant)
+    assert is_whole(host, "pairwise", found) and (found.link_token, found.id) == (
+        token,
+        participant,
+    )
 
 
 # ---------------------------------------------------------------- other pages that are files

@@ -65,7 +65,7 @@ def address(
     systems = {**TINY_SYSTEMS, PRIORFLOW: TINY_BEST}
     weights = made_once("with-best", lambda folder: make_weights(folder, systems))
     folder = tmp_path_factory.mktemp("walk")
-    config = AppConfig(port=0, weights=weights, temp=folder / "page")
+    config = AppConfig(port=0, weights=weights, temp_folder=folder / "page")
     with served(config, preloads_models=True, **the_fake.does) as address:
         yield address
 

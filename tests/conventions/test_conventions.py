@@ -2,11 +2,13 @@
 
 import os
 
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from conventions import joints
+from conventions.humanoid import JointTree
 from conventions.names import COMPARISON, SampleName, safe_file_stem
 
 HOSTILE = st.sampled_from("./\\ \0\n\x1b\u202e\udc80~a\u00e9\U0001f600")
@@ -76,6 +78,13 @@ def test_a_sample_is_named_by_its_system_and_number(name, system, number):
 def test_what_no_later_sample_is_called_is_a_name_as_it_stands(name):
     assert SampleName.parse(name) == SampleName(name)
     assert safe_file_stem("globaldiff/local") == "globaldiff-local"
+
+
+def test_a_path_of_joints_begins_at_an_ancestor():
+    tree = JointTree("a.bvh", ("Hips", "LeftLeg", "RightLeg"), (-1, 0, 0), np.zeros((3, 3)))
+    assert tree.path_from_ancestor(0, 2) == [0, 2] and tree.path_from_ancestor(1, 1) == [1]
+    with pytest.raises(ValueError, match="Joint 1 is not an ancestor of joint 2"):
+        tree.path_from_ancestor(1, 2)
 
 
 @given(st.text(HOSTILE, max_size=300) | st.text())

@@ -16,10 +16,10 @@ from app.config import AppConfig
 from app.page.launch import launch
 from app.page.parts.form_values import Fields, parse_form_values
 from app.page.tabs.motion import build_form, request_from_form
-from app.page.tabs.own_motion import build_own_form, own_motion_request
+from app.page.tabs.own_motion import build_own_motion_form, own_motion_request
 from app.page.tabs.study import build_study_tab, study_plan_toml
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest
-from app.study.design.plan import Plan
+from app.study.design.plan import StudyPlan
 from tests.app.fakes import CATALOGUE, made_services
 from tests.fuzz.clock import (
     FOR_EVER_S,
@@ -63,7 +63,7 @@ def forms(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[type, Fie
     """Fields, and what makes an ask of what they give."""
     services, config = made_services(tmp_path_factory.mktemp("page")), AppConfig()
     with gr.Blocks():
-        generate, own = build_form(services).fields, build_own_form(services).fields
+        generate, own = build_form(services).fields, build_own_motion_form(services).fields
         study = build_study_tab(services)
     return {
         "generate": (
@@ -72,7 +72,7 @@ def forms(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[type, Fie
             lambda told: request_from_form(told, Path("/job"), CATALOGUE, config),
         ),
         "own": (DiagnoseRequest, own, lambda told: own_motion_request(told, Path("/job"), config)),
-        "study": (Plan, study, study_plan_toml),
+        "study": (StudyPlan, study, study_plan_toml),
     }
 
 
@@ -116,7 +116,7 @@ ASKED: dict[str, dict[str, Any]] = {
 @pytest.fixture(scope="module")
 def client(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     temp = tmp_path_factory.mktemp("page")
-    page = launch(AppConfig(port=0, weights=weights, temp=temp), preloads_models=False)
+    page = launch(AppConfig(port=0, weights=weights, temp_folder=temp), preloads_models=False)
     with httpx.Client(base_url=page.local_url or "", timeout=FOR_EVER_S) as client:
         yield client
     page.close()

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 
 from app.run.bodies import body_motion
-from app.run.frame_packets import camera_bound_poses
+from app.run.frame_packets import camera_framing_poses
 from app.study.design.key import read_key, write_key
-from app.study.design.plan import read_plan
+from app.study.design.plan import read_study_plan
 from app.study.statistics.answers import collect_answers
 from app.study.statistics.screening import screen
 from model.formats.read import read_with_raw_errors
@@ -26,10 +26,10 @@ from model.plan.annotation_files import format_textgrid
 from model.plan.files import ENDINGS, markers_csv, read_plan_file, write_plan_file
 from model.plan.tiers import plan_to_tiers
 from model.speech.audio import load_speech
-from model.speech.transcript import read_transcript, read_words
+from model.speech.transcript import read_textgrid_transcript, read_words_file
 from renderer.body.body import load_body
 from renderer.body.lod import clustered_lod_faces
-from renderer.files.character_glb import animated_glb
+from renderer.files.character_glb import character_glb_bytes
 from renderer.files.exports import write_bvh
 from renderer.files.glb import glb_bytes, join_glb_chunks
 from renderer.files.vrma import vrma_bytes
@@ -117,7 +117,7 @@ def as_json(document: Any) -> bytes:
 
 
 def read_within(path: Path) -> None:
-    read_words(path).within(1.0)
+    read_words_file(path).within(1.0)
 
 
 def test_npz(tmp_path: Path) -> None:
@@ -167,11 +167,11 @@ def test_characters(kind: str, tmp_path: Path) -> None:
 
     def read_and_write(path: Path) -> None:
         body = load_body(path)
-        motion = camera_bound_poses(body)
-        (vertices,) = body.vertices(motion)
+        motion = camera_framing_poses(body)
+        (vertices,) = body.posed_vertices(motion)
         assert np.isfinite(vertices).all()
         glb_bytes(body, motion, clustered_lod_faces(body))
-        animated_glb(body, motion)
+        character_glb_bytes(body, motion)
         vrma_bytes(body, motion)
 
     check_reads(wild | damaged(whole), tmp_path / "it.vrm", read_and_write)
@@ -227,7 +227,7 @@ def test_transcripts(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("whole", [TEXTGRID, PRAAT], ids=["bare", "with counts"])
 def test_textgrids(whole: bytes, tmp_path: Path) -> None:
-    check_reads(damaged(whole), tmp_path / "it.TextGrid", read_transcript, read_within)
+    check_reads(damaged(whole), tmp_path / "it.TextGrid", read_textgrid_transcript, read_within)
 
 
 def test_plans_of_studies(tmp_path: Path) -> None:
@@ -242,7 +242,7 @@ def test_plans_of_studies(tmp_path: Path) -> None:
         text = b"\n".join(changed)
         return draw(damaged(text)) if draw(st.booleans()) else text
 
-    check_reads(plans(), tmp_path / "plan.toml", read_plan)
+    check_reads(plans(), tmp_path / "plan.toml", read_study_plan)
 
 
 @pytest.mark.parametrize("protocol", ["pairwise", "rating"])
@@ -261,7 +261,7 @@ def test_answers_and_keys(protocol: str, tmp_path: Path) -> None:
 
     def read_answers(path: Path) -> None:
         found = collect_answers([path], key)
-        assert all(line.isprintable() and len(line) < 9000 for line in found.left_out)
+        assert all(line.isprintable() and len(line) < 9000 for line in found.left_out_sentences)
         screen(found.participants, key)
 
     def read_both(path: Path) -> None:

@@ -124,20 +124,20 @@ for (const starts of [[0, 52], [0, 1, 2, 111], [0, 59, 60, 61]]) {
     for (const [i, size] of sizes.entries()) {
       bytes += size;
       const end = starts[i + 1] ?? 112;
-      motion = await arrival.next({ bytes, end, num_frames: 112, place: [0, 0, 0, 0] }, end);
+      motion = await arrival.next({ num_bytes: bytes, end, num_frames: 112, place: [0, 0, 0, 0] }, end);
       assert.equal(motion.length, end, "all that has come");
     }
     same(motion, whole);
     assert.equal(requests[0][0], 0);
     requests.forEach(([from], i) => assert.equal(from, i ? requests[i - 1][1] : 0, "nothing is fetched twice"));
-    assert.equal(await arrival.next({ bytes, end: 112, num_frames: 112, place: [0, 0, 0, 0] }, 112), null, "nothing new");
+    assert.equal(await arrival.next({ num_bytes: bytes, end: 112, num_frames: 112, place: [0, 0, 0, 0] }, 112), null, "nothing new");
   });
 }
 
 test("a little more is left until it is needed, or the last", async () => {
   const file = turning(112, [0, 100, 105]);
   const arrival = new Arrival("there", async (url, from, to) => file.slice(from, to));
-  const there = (end, messages) => ({ bytes: 20 * messages + end * 454, end, num_frames: 112, place: [0, 0, 0, 0] });
+  const there = (end, messages) => ({ num_bytes: 20 * messages + end * 454, end, num_frames: 112, place: [0, 0, 0, 0] });
   assert.equal((await arrival.next(there(100, 1), 0)).length, 100);
   assert.equal(await arrival.next(there(105, 2), 60), null);
   assert.equal((await arrival.next(there(105, 2), 101)).length, 105, "it is about to be shown");

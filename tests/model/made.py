@@ -13,14 +13,14 @@ from torch import Tensor, nn
 
 from model.motion.motion import save_motion
 from model.motion.packing import MOTION_DIM, Normaliser
-from model.networks.branch import PriorNetwork
+from model.networks.branch import PriorResidualNetwork
 from model.sampling.prior import GaussianPrior
 from model.speech.audio import Speech, write_wav
 from model.storage.cards import to_json
 from model.storage.checkpoint import save_weights
 from model.systems.face.config import ExpressionConfig, FaceTrainConfig
 from model.systems.face.face import FaceNetwork
-from model.systems.globaldiff.config import GlobalDiffConfig, NetworkConfig
+from model.systems.globaldiff.config import GlobalDiffTrainConfig, NetworkConfig
 from model.systems.globaldiff.system import MotionNetwork
 from model.training.config import TrainConfig
 from tests.helpers import smooth_motion_example
@@ -118,7 +118,7 @@ def make_weights(folder: Path, systems: dict[str, NetworkConfig] = TINY_SYSTEMS)
             mean[-2] = 1.2
             normaliser = made_components(mean, 0.1)
             prior = made_prior(network_config.motion_dim)
-            network = PriorNetwork(
+            network = PriorResidualNetwork(
                 network_config, prior, channels=network_config.motion_dim, expression_dim=52
             )
             more = {"prior.covariance": prior.covariance}
@@ -128,6 +128,6 @@ def make_weights(folder: Path, systems: dict[str, NetworkConfig] = TINY_SYSTEMS)
             mean[331] = 1.2
             normaliser = Normaliser(mean, torch.full((MOTION_DIM,), 0.1))
             network, more = MotionNetwork(network_config), {}
-        config = GlobalDiffConfig(system=system, network=network_config)
+        config = GlobalDiffTrainConfig(system=system, network=network_config)
         save_made(folder, config, shaken(network), normaliser.tensors() | more)
     return folder

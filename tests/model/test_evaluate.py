@@ -19,19 +19,19 @@ from model.evaluation.classifiers import (
     NO_MATCHING_CLASSIFIER,
     NO_SPEAKER_CLASSIFIER,
     SPEAKERS_NOT_COMPARED,
-    wrist_speeds,
+    calm_and_lively_wrist_speeds,
 )
 from model.evaluation.clips import ClipRow, EvaluationModels, clip_metrics_table
 from model.evaluation.frechet import ENCODERS
 from model.evaluation.tables import (
     as_csv,
     as_markdown,
-    bootstrap,
+    bootstrap_mean,
     bootstrap_ratio,
 )
 from model.motion.motion import first_frames, load_motion, save_motion
 from model.motion.packing import Normaliser
-from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
+from model.networks.autoencoder import FrozenMotionEncoder, MotionAutoencoder
 from model.storage.checkpoint import save_weights
 from model.systems.helpers.config import AUTOENCODERS, MATCHING_NETWORK
 from model.systems.registry import load_system
@@ -75,11 +75,11 @@ def data(tmp_path_factory):
 def system(weights):
     """Of one step."""
     found = load_system(NAME, weights)
-    return replace(found, samplers=(replace(found.samplers[0], steps=1),))
+    return replace(found, samplers=(replace(found.samplers[0], default_steps=1),))
 
 
 @pytest.fixture(scope="module")
-def judges() -> dict[str, FrozenEncoder]:
+def judges() -> dict[str, FrozenMotionEncoder]:
     """Untrained."""
     torch.manual_seed(0)
     found = {}
@@ -88,7 +88,7 @@ def judges() -> dict[str, FrozenEncoder]:
         network = MotionAutoencoder(small).eval().requires_grad_(False)
         channels = AUTOENCODERS[name].channels
         statistics = Normaliser(torch.zeros(channels), torch.ones(channels))
-        found[measure] = FrozenEncoder(network, statistics, "")
+        found[measure] = FrozenMotionEncoder(network, statistics, "")
     return found
 
 
@@ -249,7 +249,9 @@ def test_manner_stands_beside_that_of_recordings_where_speakers_are_known(data, 
     table = table_of(data, system, speakers=("bob", "ann"))
     motion = table["motion"]
     lively, calm = (read_motion_and_speech(data, name)[0] for name in CLIPS)
-    slow, fast = wrist_speeds({("bob", 0): calm, ("ann", 0): lively}, ("bob", "ann")).values()
+    slow, fast = calm_and_lively_wrist_speeds(
+        {("bob", 0): calm, ("ann", 0): lively}, ("bob", "ann")
+    ).values()
     found = motion["recorded"]["calm_over_lively"]["mean"]
     assert found == pytest.approx(slow / fast, rel=1e-6)  # bob has one recording
     manner = {"calm_over_lively", "arms_by_speaker", "arm_rotations_other_speaker"}
@@ -279,7 +281,7 @@ def test_recorded_clips_are_paired_with_those_of_their_speaker():
 
 def test_bootstrap_covers_the_mean_and_narrows_with_more_clips():
     rng = np.random.default_rng(1)
-    few, many = (bootstrap(list(rng.normal(5, 1, n))) for n in (10, 1000))
+    few, many = (bootstrap_mean(list(rng.normal(5, 1, n))) for n in (10, 1000))
     assert few.low < 5 < few.high and many.low < 5 < many.high
     assert (many.high - many.low) < (few.high - few.low) / 4
     ratio = bootstrap_ratio([2.0, 4.0], [1.0, 2.0])  # in pairs the ratio is the same every draw

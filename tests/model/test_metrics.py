@@ -20,12 +20,16 @@ from conventions.joints import (
     MIRROR_PERMUTATION,
     chain_to_root,
 )
-from model.diagnostics import GLOBALDIFF_WINDOWS, analyse_raw, diagnose, parse_diagnostics
+from model.diagnostics import GLOBALDIFF_WINDOWS, analyse_raw, diagnose, with_current_format
 from model.faults.analysis import Finding
 from model.generation.base import Windowing
 from model.metrics import posture, smoothness, tracked_point
 from model.metrics.beats import read_mean_speeds
-from model.metrics.joints import elbow_backwards_share, finger_outside_limits, rotation_noise
+from model.metrics.joints import (
+    elbow_backwards_share,
+    estimate_rotation_noise_rad,
+    finger_outside_limits,
+)
 from model.metrics.protocols.clip import ProtocolInputs
 from model.metrics.reference_error import error_to_reference
 from model.metrics.smoothness import HIGH_FREQUENCY_HZ, velocity_spectrum
@@ -33,7 +37,7 @@ from model.metrics.tracked_point import attribute_jerk
 from model.motion import tracks as tracks_module
 from model.motion.kinematics import (
     fingertip_positions,
-    joint_positions_from_local,
+    forward_kinematics,
     open_body_skeleton,
 )
 from model.motion.motion import Motion, load_motion
@@ -49,7 +53,7 @@ SKELETON = open_body_skeleton()
 
 def measures(motion: Motion, **options: Any) -> dict[str, Any]:
     """Of one, as the file tells them."""
-    return analyse_raw(motion, SKELETON, windows=GLOBALDIFF_WINDOWS, **options).raw.as_json()
+    return analyse_raw(motion, SKELETON, windows=GLOBALDIFF_WINDOWS, **options).metrics.as_json()
 
 
 def told(*motions: Any, **options: Any) -> dict[str, Any]:
@@ -158,9 +162,9 @@ def test_measures_of_a_body_that_moves_as_one():
     np.testing.assert_allclose(result["jerk_by_depth_m_s3"], result["tip_jerk_m_s3"], rtol=1e-6)
     assert len(result["jerk_by_depth_m_s3"]) == 11
     walking = measures(posed(90, along(0, 0.25 * t)))
-    assert abs(walking["tip_path_m_s"] - 0.25) < 1e-5
+    assert abs(walking["tip_speed_m_s"] - 0.25) < 1e-5
     assert abs(walking["foot_slide_m_s"] - 0.25) < 1e-5
-    np.testing.assert_allclose(walking["fingertips_path_m_s"], 0.25, atol=1e-5)
+    np.testing.assert_allclose(walking["fingertips_speed_m_s"], 0.25, atol=1e-5)
 
 
 def test_tip_measures_of_a_turning_wrist_follow_its_radius():
@@ -170,7 +174,7 @@ def test_tip_measures_of_a_turning_wrist_follow_its_radius():
     radius = np.linalg.norm((tip - rest[21])[[0, 2]])
     step = 2 * radius * np.sin(rate / 30 / 2)  # a chord of the circle
     result = measures(posed(120, right_wrist=about(1, rate * seconds(120))))
-    assert abs(result["tip_path_m_s"] - 30 * step) < 1e-5
+    assert abs(result["tip_speed_m_s"] - 30 * step) < 1e-5
     assert abs(result["tip_acceleration_m_s2"] - 900 * step * 2 * np.sin(rate / 60)) < 1e-3
     moved = {joint for joint in range(55) if result["joint_jerk_m_s3"][joint] > 0.05}
     assert moved == {joint for joint in range(55) if 21 in chain_to_root(joint)[1:]}
@@ -197,7 +201,7 @@ def test_rotation_noise_is_recovered_from_a_moving_joint():
     )
     for rotmat, expected in ((swing @ noise, 0.02), (swing, 0.0)):
         velocity = smoothness.angular_velocity(rotmat[:, None].numpy())
-        assert rotation_noise(velocity)[0] == pytest.approx(expected, abs=0.0015)
+        assert estimate_rotation_noise_rad(velocity)[0] == pytest.approx(expected, abs=0.0015)
 
 
 @pytest.mark.parametrize("noisy", ["right_elbow", "spine2", "right_middle2"])
@@ -218,7 +222,7 @@ def test_attribution_is_forward_kinematics_with_one_joint_smoothed():
     changed = R_parent_joint.clone()
     changed[:, joint] = smooth_rotations(R_parent_joint[:, joint])
     transl = torch.from_numpy(motion.trans).double()
-    R_world_joint, positions = joint_positions_from_local(changed, SKELETON, transl)
+    R_world_joint, positions = forward_kinematics(changed, SKELETON, transl)
     tip = fingertip_positions(R_world_joint, positions, SKELETON)[:, 6].numpy()
     tracks = track_points(motion, SKELETON)
     found = attribute_jerk(tracks.point("right_middle"), tracks, kinematic_chain("right_middle"))
@@ -295,7 +299,7 @@ def test_hands_that_move_together_or_in_turn(lag, expected):
     joints[:, JOINT_INDEX["left_wrist"], 0] = np.sin(np.pi * t)
     joints[:, JOINT_INDEX["right_wrist"], 1] = np.sin(np.pi * t + lag)
     joints += 0.3 * t[:, None, None]  # a walk does not make hands symmetrical
-    assert posture.hand_speed_symmetry(joints) == pytest.approx(expected, abs=0.1)
+    assert posture.hand_speed_correlation(joints) == pytest.approx(expected, abs=0.1)
 
 
 def test_root_drift_is_horizontal_and_between_means():
@@ -375,24 +379,24 @@ def test_beats_come_with_chance_and_speeds_of_somebody_decide_what_is_one(tmp_pa
     motion, onsets_s = smooth_motion_example(400), np.arange(2.5, 11, 0.4)
 
     def beats(onsets_s: np.ndarray, **given: Any):
-        found = analyse_raw(motion, SKELETON, onsets_s=onsets_s, **given).raw.beats
+        found = analyse_raw(motion, SKELETON, onsets_s=onsets_s, **given).metrics.beats
         assert found is not None
         return found
 
     own = beats(onsets_s)
     assert 0 < own.beat_align <= 1 and 0 < own.beat_align_chance <= own.beat_align_chance_highest
     assert own.beat_align_chance_highest <= 1
-    assert (own.beat_onsets, own.beat_speed_reference) == (len(onsets_s), "own")
+    assert (own.num_speech_onsets, own.beat_speed_source) == (len(onsets_s), "own")
     outside = beats(np.array([0.5, 1.9]))
-    assert math.isnan(outside.beat_align) and outside.beat_onsets == 0
+    assert math.isnan(outside.beat_align) and outside.num_speech_onsets == 0
     beside = beats(onsets_s, reference=analyse_raw(motion, SKELETON))
-    assert beside.beat_speed_reference == "reference" and beside.beat_align == own.beat_align
+    assert beside.beat_speed_source == "reference" and beside.beat_align == own.beat_align
     rates = []
     for speed in (1e-3, 1e3):
         np.save(tmp_path / "speeds.npy", np.full(55, speed, np.float32))
         speeds = read_mean_speeds(tmp_path / "speeds.npy")
-        given = beats(onsets_s, inputs=ProtocolInputs(mean_speeds=speeds))
-        assert given.beat_speed_reference == "emage"
+        given = beats(onsets_s, protocol_inputs=ProtocolInputs(published_mean_speeds=speeds))
+        assert given.beat_speed_source == "emage"
         rates.append(given.beats_per_joint_s)
     assert rates[0] > own.beats_per_joint_s > rates[1] == 0
 
@@ -432,7 +436,7 @@ def test_any_length_gives_valid_json(num_frames):
     assert (raw["tip_jerk_m_s3"] is None) == (num_frames < 4)
     assert (raw["tip_acceleration_m_s2"] is None) == (num_frames < 3)
     assert (raw["foot_slide_m_s"] is None) == (num_frames < 2)
-    assert (raw["tip_velocity_power_above_5hz"] is None) == (num_frames < 33)
+    assert (raw["tip_velocity_power_share_above_5hz"] is None) == (num_frames < 33)
     assert raw["seam_jerk_ratio"] is None and len(raw["joint_jerk_m_s3"]) == 55
     assert len([note for note in result["notes"] if f"a has {num_frames} frame" in note]) == (
         num_frames < 4
@@ -444,7 +448,7 @@ def test_a_still_body_has_no_jerk_and_no_nan():
     json.dumps(result, allow_nan=False)
     raw = result["systems"]["a"]["raw"]
     assert raw["tip_jerk_m_s3"] < 1e-6 and raw["foot_slide_m_s"] == 0
-    assert raw["tip_velocity_power_above_5hz"] is None and raw["seam_jerk_ratio"] is None
+    assert raw["tip_velocity_power_share_above_5hz"] is None and raw["seam_jerk_ratio"] is None
 
 
 def test_all_is_gathered_raw_and_filtered_and_every_key_is_documented():
@@ -482,8 +486,8 @@ def test_all_is_gathered_raw_and_filtered_and_every_key_is_documented():
 
 def test_files_of_the_format_before_have_the_present_keys():
     before = json.loads((ROOT / "tests/model/kept/diagnostics_format_1.json").read_text())
-    content = parse_diagnostics(before)
-    assert parse_diagnostics(content) == content
+    content = with_current_format(before)
+    assert with_current_format(content) == content
     motion = smooth_motion_example(60)
     now = told({"a": motion}, SKELETON, reference=motion, onsets_s=np.arange(0.5, 2, 0.5))
     assert set(content) == set(now)
@@ -503,7 +507,7 @@ def test_files_of_the_format_before_have_the_present_keys():
     fresh = Finding("It jumps.", {}, kind="jerk", worst_frame=3).as_json()
     assert set(fresh) <= set(content["findings"]["noisy"][0])
     with pytest.raises(ValueError, match="format 9; this version reads up to 2"):
-        parse_diagnostics({"format": 9})
+        with_current_format({"format": 9})
 
 
 def tracked(result: dict[str, Any]) -> tuple[str | None, str, str]:
@@ -535,7 +539,7 @@ def test_a_longer_reference_or_motion_is_cut_and_said_so():
     result = told({"a": short}, SKELETON, reference=long)
     cut = told({"a": short}, SKELETON, reference=long.part(slice(5)))
     assert result["reference"] == cut["reference"] and result["num_frames"] == {"a": 5}
-    assert "The reference has 8 frames; the first 5 were measured" in result["notes"][0]
+    assert "The reference has 8 frames; only the first 5 were measured" in result["notes"][0]
     assert cut["notes"] == []
     result = told({"a": long, "b": short}, SKELETON, reference=short)
     assert result["num_frames"] == {"a": 5, "b": 5}
@@ -550,6 +554,6 @@ def test_real_motion_has_the_known_smoothness():
     result = measures(motion)
     assert 120 < result["tip_jerk_m_s3"] < 185
     assert 7 < result["tip_acceleration_m_s2"] < 10.5
-    assert 0.003 < result["tip_velocity_power_above_5hz"] < 0.012
+    assert 0.003 < result["tip_velocity_power_share_above_5hz"] < 0.012
     assert 0.8 < result["seam_jerk_ratio"] < 1.25
-    assert np.isfinite(result["jerk_by_window_phase_m_s3"]).all()
+    assert np.isfinite(result["jerk_by_frame_in_period_m_s3"]).all()

@@ -20,10 +20,10 @@ def render_stills(
     settings: RenderSettings,
     *,
     stage: CameraSetup | None = None,
-    marks: Overlays | None = None,
+    overlays: Overlays | None = None,
 ) -> UInt8[np.ndarray, "N H W C"]:
     """Of single frames, framed as the video of the whole motion would be."""
-    pictures = draw_frames(body, motion, settings, stage, marks, frames)
+    pictures = draw_frames(body, motion, settings, stage, overlays, frames)
     return stack_pictures([picture.copy() for picture in pictures], settings)
 
 

@@ -68,13 +68,7 @@ def mouth_and_lips(
 
 
 def with_closed_lips(positions: Points, ring: list[int], quads: Int[np.ndarray, "Q 4"]) -> Points:
-    """Return base-mesh positions with the mouth closed at the lip line.
-
-    Args:
-        positions: vertices of the base mesh, metres, zero pose.
-        ring: vertices from ``lip_line``.
-        quads: faces of the body, of which vertices may move.
-    """
+    """Return base-mesh positions with the mouth closed at the lip line."""
     x, y = positions[ring, 0], positions[ring, 1]
     corners = np.argmin(x), np.argmax(x)
     first, second = sorted(corners)
@@ -229,8 +223,6 @@ def make_head(skin: Mesh, quads: Int[np.ndarray, "Q 4"], paint: FacePaint) -> Me
     """Add mouth, lips, brows and hair to the bare head.
 
     Args:
-        skin: head in quads.
-        quads: the same quads with vertex indices of the base mesh.
         paint: hairline and brow curves.
     """
     inside, lips = mouth_and_lips(quads)

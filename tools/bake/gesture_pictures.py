@@ -19,11 +19,11 @@ from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points
 from model.plan.editing import add_gesture
-from model.plan.kinds import USUAL_STROKE_ENDS
+from model.plan.kinds import USUAL_STROKE_GOALS
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech
 from model.storage.files import write_atomically
-from model.systems.registry import default_planner, load_system
+from model.systems.registry import default_planning_system, load_system
 
 DURATION_S, LANDS_S = 3.0, 1.3
 STEP, FIRST_S, NUM_FRAMES = 4, 0.4, 14
@@ -69,7 +69,7 @@ def picture(system: System, kind: str) -> UInt8[np.ndarray, "F P 2"]:
 
 def main(out: Path) -> None:
     """Write the pictures of all kinds."""
-    system = load_system(default_planner())
+    system = load_system(default_planning_system())
     content = {
         "frames": NUM_FRAMES,
         "fps": FPS / STEP,
@@ -77,7 +77,7 @@ def main(out: Path) -> None:
         "chains": [[POINTS.index(name) for name in chain] for chain in CHAINS],
         "points": {
             kind: base64.b64encode(picture(system, kind).tobytes()).decode()
-            for kind in sorted(USUAL_STROKE_ENDS)
+            for kind in sorted(USUAL_STROKE_GOALS)
         },
     }
     write_atomically(out, json.dumps(content, separators=(",", ":")) + "\n")

@@ -135,9 +135,9 @@ def _claim_folder(root: Path, seed: int, clip_s: float) -> None:
             )
         if existing != wanted:
             raise CorpusError(
-                f"{root} holds another corpus ({_describe(existing)}, asked "
-                f"for {_describe(wanted)}); choose another folder, or the same seed to continue "
-                "that one."
+                f"{root} holds another corpus ({_describe(existing)}; requested: "
+                f"{_describe(wanted)}); choose another folder, or the same seed to continue that "
+                "one."
             )
     elif root.is_dir() and any(root.iterdir()):
         raise CorpusError(f"{root} is not empty and holds no corpus; choose another folder.")

@@ -139,11 +139,7 @@ def write_clip(root: Path, clip_id: str, clip: CorpusClip) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file atomically, and make its folder if there is none.
-
-    Raises:
-        WriteError: with the reason.
-    """
+    """Write a file atomically, in a new folder if needed; raises WriteError with the reason."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -192,8 +188,7 @@ def textgrid(clip: CorpusClip) -> str:
         points("apex", [apex for side in SIDES for apex in _apexes(clip.plan.keys[side], side)]),
         points("nods", [(nod.time_s, f"{nod.depth_deg:.3f}") for nod in trunk.nods]),
         intervals(
-            "gaze",
-            [(g.start_s, g.end_s, f"{g.yaw_deg:.1f} {g.pitch_deg:.1f}") for g in trunk.gaze],
+            "gaze", [(g.start_s, g.end_s, f"{g.yaw_deg:.1f} {g.pitch_deg:.1f}") for g in trunk.gaze]
         ),
         points("brows", [(b.time_s, f"{b.height:.3f} {b.width_s:.3f}") for b in face.brows]),
         intervals(

@@ -15,11 +15,11 @@ from model.storage.cards import WeightsCard
 from model.systems.registry import (
     families,
     family_of,
-    list_speakers,
     list_systems,
     planning_systems,
     read_card,
     representatives,
+    shared_speakers,
 )
 
 MAX_DEFAULT_SYSTEMS = 3
@@ -37,7 +37,7 @@ class Catalogue:
     """Speech files that come with the app."""
     samplers: tuple[str, ...] = ()
     """Names of the samplers of all systems."""
-    default_steps: str = ""
+    default_steps_text: str = ""
     """Default number of sampling steps of the systems, as text."""
 
     @property
@@ -46,7 +46,7 @@ class Catalogue:
         return [(label, name) for name, label in short_names(self.systems).items()]
 
 
-def system_descriptions(systems: Sequence[str]) -> dict[str, str]:
+def descriptions_by_label(systems: Sequence[str]) -> dict[str, str]:
     """Return a sentence about each system by its label."""
     return {
         label: family_of(name).descriptions.get(name, "")
@@ -83,7 +83,7 @@ def read_catalogue(weights: Path, examples: tuple[Path, ...] = ()) -> Catalogue:
     usual = [_usual_steps(name) for name in names]
     return Catalogue(
         names,
-        list_speakers(weights),
+        shared_speakers(weights),
         _trained_on(cards),
         examples,
         tuple(dict.fromkeys(sampler.name for sampler in samplers)),
@@ -93,7 +93,7 @@ def read_catalogue(weights: Path, examples: tuple[Path, ...] = ()) -> Catalogue:
 
 def _usual_steps(system: str) -> str:
     family = family_of(system)
-    steps = {name: family.samplers_of(name)[0].steps for name in family.systems}
+    steps = {name: family.samplers_of(name)[0].default_steps for name in family.systems}
     owner = family.name if len(set(steps.values())) == 1 else system
     return f"{owner} {steps[system]}"
 
@@ -113,8 +113,8 @@ def _trained_on(cards: list[WeightsCard]) -> str:
     cards = [
         card for card in cards if card.origin_note is None
     ]  # without checkpoints of other authors
-    hours = [card.training_hours for card in cards]
-    if max(hours, default=0.0) == 0.0 or not any(card.steps for card in cards):
+    hours = [card.training_data_hours for card in cards]
+    if max(hours, default=0.0) == 0.0 or not any(card.training_steps for card in cards):
         return ""
     data = cards[0].get("training_data")
     # A corpus made by this project has a description, any other folder only a name.

@@ -233,8 +233,6 @@ def group_choices(
     """Arrange the choices of a field in groups with a tooltip for each.
 
     Args:
-        field: element id of the field.
-        about: tooltips by label.
         groups: labels by title; clicking a title ticks its whole group.
     """
     gr.HTML(

@@ -13,9 +13,9 @@ from conventions.joints import BodyPart
 class FileReading(TypedDict):
     """Interpretation of an imported file."""
 
-    kind: str
+    file_pattern: str
     """Pattern of its name, such as "*.npz"."""
-    read: list[AssumptionRecord]
+    assumptions: list[AssumptionRecord]
 
 
 class PlayerRow(TypedDict):
@@ -27,15 +27,15 @@ class PlayerRow(TypedDict):
     stem: str
     """Stem of the names of its files."""
     is_reference: bool
-    noise: str | None
+    noise_key: str | None
     """Key that motions of the same noise share; null if the noise is not known."""
-    run: NotRequired[str]
+    compared_run: NotRequired[str]
     """Run of the motion in a comparison of two."""
     motion: NotRequired[str]
     """URL of the whole motion (.npz)."""
     frames: NotRequired[str]
     """URL of the frames so far, as binary messages."""
-    available: NotRequired[FramesAvailable]
+    frames_available: NotRequired[FramesAvailable]
     video: NotRequired[str]
     will_have_video: NotRequired[bool]
     """True if the row will have a video."""
@@ -47,9 +47,9 @@ class PlayerRow(TypedDict):
     """Number of the take of an edited plan."""
     original_row: NotRequired[str]
     """Original row of a take."""
-    space: NotRequired[Literal["local", "global"]]
+    noise_space: NotRequired[Literal["local", "global"]]
     """Rotations to which the viewer adds noise."""
-    assumed: NotRequired[FileReading]
+    interpretation: NotRequired[FileReading]
 
 
 EditableRow = TypedDict("EditableRow", {"of": str, "from": str, "editor": str})
@@ -74,8 +74,8 @@ class PlanEditorState(TypedDict):
     message: str
     """Message on the last edit."""
     is_refused: bool
-    state: str
-    """``working`` while a take is generated."""
+    is_working: bool
+    """True while a take is generated."""
     suggestions: list[EditSuggestionJson]
 
 
@@ -83,15 +83,15 @@ class AudioTrack(TypedDict):
     """Audio track of a comparison of two runs."""
 
     label: str
-    audio: str
-    timeline: str
+    audio_url: str
+    timeline_url: str
 
 
 class ViewerNoise(TypedDict):
     """Noise that the viewer adds to rotations."""
 
-    rad: float
-    """Standard deviation about each axis at first (rad)."""
+    initial_rad: float
+    """Standard deviation about each axis until the slider is moved (rad)."""
     range: tuple[float, float]
     has_slider: bool
 
@@ -99,9 +99,10 @@ class ViewerNoise(TypedDict):
 class PlayerFinding(TypedDict):
     """Finding of a motion."""
 
-    name: str
+    motion_name: str
+    """Name of the motion; empty for a statement on the motions without findings."""
     sentence: str
-    at: float | None
+    worst_time_s: float | None
     """Time (s) at which it is worst."""
     part: BodyPart
     """Body part that shows it; empty for the whole body."""

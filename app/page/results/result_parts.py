@@ -53,7 +53,7 @@ NO_SENTENCES: Mapping[str, str] = {}
 
 
 def figures_html(
-    files: Iterable[Path], address: FileToUrl, sentences: Mapping[str, str] = NO_SENTENCES
+    files: Iterable[Path], to_url: FileToUrl, sentences: Mapping[str, str] = NO_SENTENCES
 ) -> str:
     """Format the figures among some files, each with the findings of the metrics."""
     figures: dict[str, dict[str, Path]] = {}
@@ -65,10 +65,10 @@ def figures_html(
     shown = "".join(
         _figure(
             stem,
-            _addresses(paths, address),
+            _addresses(paths, to_url),
             sentences,
             paths["txt"].read_text("utf-8") if "txt" in paths else "",
-            address(paths[CONTENTS_SUFFIX]) if CONTENTS_SUFFIX in paths else "",
+            to_url(paths[CONTENTS_SUFFIX]) if CONTENTS_SUFFIX in paths else "",
         )
         for stem, paths in figures.items()
         if "png" in paths
@@ -76,21 +76,17 @@ def figures_html(
     return f'<div class="figures">{shown}</div>' if shown else ""
 
 
-def _addresses(paths: Mapping[str, Path], address: FileToUrl) -> dict[str, str]:
+def _addresses(paths: Mapping[str, Path], to_url: FileToUrl) -> dict[str, str]:
     """Return the URL of a figure in each format; missing formats are drawn on request."""
-    urls = {form: address(paths[form]) for form in FIGURE_FORMATS if form in paths}
+    urls = {form: to_url(paths[form]) for form in FIGURE_FORMATS if form in paths}
     if CONTENTS_SUFFIX in paths:
-        contents = address(paths[CONTENTS_SUFFIX])
+        contents = to_url(paths[CONTENTS_SUFFIX])
         urls |= {form: f"{contents}&as={form}" for form in FIGURE_FORMATS if form not in paths}
     return urls
 
 
 def _figure(
-    stem: str,
-    urls: Mapping[str, str],
-    sentences: Mapping[str, str],
-    caption: str,
-    contents: str,
+    stem: str, urls: Mapping[str, str], sentences: Mapping[str, str], caption: str, contents: str
 ) -> str:
     about = text.FIGURES.get(stem, text.FigureText(stem, "", ()))
     links = "".join(download_link(url, f"{stem}.{end}", end.upper()) for end, url in urls.items())
@@ -141,10 +137,10 @@ def download_link(url: str, name: str, words: str = "") -> str:
     return f'<a href="{escape(url)}" download="{escape(name)}">{escape(words or name)}</a>'
 
 
-def file_list_html(paths: Iterable[Path], address: FileToUrl) -> str:
+def file_list_html(paths: Iterable[Path], to_url: FileToUrl) -> str:
     """Format links to single files, folded."""
     items = "".join(
-        f"<li>{download_link(address(path), path.name)}"
+        f"<li>{download_link(to_url(path), path.name)}"
         f"<span>{_size(path.stat().st_size)}</span></li>"
         for path in paths
     )

@@ -16,7 +16,7 @@ from app.page.parts.markup import Updates, update_html
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_view import RunView
 from app.page.results.saved_runs import SavedRun, url_of_runs
-from app.page.results.tables import Column, beat_speeds_of, metrics_table
+from app.page.results.tables import Column, beat_speed_source_of, metrics_table
 from app.page.routes.media import SharedFolders
 from app.run.output.provenance import MOTIONS, NONE, SEED, SPEECH, differing_settings
 from app.run.output.run_folder import RunRecord
@@ -59,7 +59,7 @@ class RunPair:
         first, second = (run.speech_sha256 for run in self.runs)
         self.has_same_speech = bool(first) and first == second
         """True if both runs have the same speech file."""
-        recorded, again = (run.numbers.get(REFERENCE_NAME) for run in self.runs)
+        recorded, again = (run.metrics.get(REFERENCE_NAME) for run in self.runs)
         self.has_same_reference = recorded is not None and recorded == again
         """True if both runs have the same reference motion, as its metrics are equal."""
         names = [[row.name for row in run.rows] for run in self.runs]
@@ -100,18 +100,18 @@ class RunPair:
                 Column(
                     self.unique_name(name, letter),
                     self.unique_name(labels[name], letter),
-                    run.numbers[name],
+                    run.metrics[name],
                     "reference" if is_shared else "",
-                    beat_speeds_of(run),
+                    beat_speed_source_of(run),
                 )
                 for name, letter, run in zip(pair, "AB", self.runs, strict=True)
-                if name in run.numbers
+                if name in run.metrics
             ]
             columns += run_columns
             if len(run_columns) == 2 and pair is not references:
                 named = f"{' and '.join(dict.fromkeys(labels.values()))}: {text.PAIR_DIFFERENCE}"
                 columns.append(run_columns[1].minus(run_columns[0], named, text.PAIR_DIFFERENCE))
-        points = dict.fromkeys(point_title(run.point) for run in self.runs)
+        points = dict.fromkeys(point_title(run.tracked_point) for run in self.runs)
         return metrics_table(columns, " and ".join(points), text.PAIR_LEGEND)
 
     def player_value(self) -> dict[str, Any]:
@@ -131,12 +131,12 @@ class RunPair:
         sounds = [
             {
                 "label": _sound_label(self.runs[i], "AB"[i]),
-                "audio": values[i]["audio"],
-                "timeline": _as_address(self._timeline(lines, i, names, len(audible) == 1)),
+                "audio_url": values[i]["audio"],
+                "timeline_url": _as_address(self._timeline(lines, i, names, len(audible) == 1)),
             }
             for i in audible
         ]
-        first = {kind: sounds[0][kind] for kind in ("audio", "timeline")}
+        first = {kind: sounds[0][f"{kind}_url"] for kind in ("audio", "timeline")}
         return value | first | ({"sounds": sounds} if len(sounds) > 1 else {})
 
     def _rows(self, values: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -151,8 +151,8 @@ class RunPair:
                         "name": self.unique_name(name, letter),
                         "label": self.unique_name(row["label"], letter),
                         "stem": f"{row['stem']}-{letter}",
-                        "noise": row["noise"] and f"{row['noise']} {of_seed}",
-                        "run": value["run"],
+                        "noise_key": row["noise_key"] and f"{row['noise_key']} {of_seed}",
+                        "compared_run": value["run"],
                     }
                     for row in value["rows"]
                     if row["name"] == name

@@ -38,12 +38,12 @@ class RunView:
     """Player data of a run, read from its `run.json` whenever that changes."""
 
     folder: Path
-    address: FileToUrl
+    to_url: FileToUrl
     name: str = ""
     """Name by which the plan editor refers to the run."""
     will_have_video: bool = False
     """True if each row will have a video."""
-    editing: dict[str, Any] | None = None
+    editor_state: dict[str, Any] | None = None
     """State of the plan editor; None if nothing can be edited."""
     _read: tuple[tuple[int, int], RunRecord] | None = None
 
@@ -71,29 +71,29 @@ class RunView:
             row.name for row in self.record.rows if "input_plan" in row.files and row.edit is None
         ]
 
-    def set_editor_message(
+    def set_editor_state(
         self,
         sentence: str = "",
         *,
         is_refused: bool = False,
-        state: str = "",
+        is_working: bool = False,
         offers: Sequence[EditSuggestion] = (),
     ) -> None:
-        """Set the message, state (``working`` during a take) and offers of the plan editor."""
+        """Set the message and offers of the plan editor, and whether it generates a take."""
         suggestions = [
             {"label": one.label, "edits": [e.as_json() for e in one.edits]} for one in offers
         ]
-        self.editing = {
+        self.editor_state = {
             "message": sentence,
             "is_refused": is_refused,
-            "state": state,
+            "is_working": is_working,
             "suggestions": suggestions,
         }
 
-    def for_browser(self, address: FileToUrl) -> RunView:
+    def for_browser(self, to_url: FileToUrl) -> RunView:
         """Return a copy for another browser, which cannot edit the run."""
         other = copy(self)
-        other.address, other.editing = address, None
+        other.to_url, other.editor_state = to_url, None
         return other
 
     def player_value(self) -> dict[str, Any]:
@@ -108,14 +108,14 @@ class RunView:
             "plays_when_ready": is_running,
             "findings": [
                 {
-                    "name": each.name,
+                    "motion_name": each.motion_name,
                     "sentence": each.sentence,
-                    "at": each.worst_time_s,
+                    "worst_time_s": each.worst_time_s,
                     "part": each.part,
                 }
                 for each in record.top_findings
             ],
-            **({"editing": self._edited(self.editing)} if self.editing else {}),
+            **({"editing": self._edited(self.editor_state)} if self.editor_state else {}),
             **self._addresses(beside),
         }
 
@@ -124,11 +124,13 @@ class RunView:
         editable = {}
         for row in self.record.rows:
             if editor := self.file("editor", row.name):
-                take = row.edit or EditInfo(number=0, original_row=row.name, parent_row=row.name)
+                take = row.edit or EditInfo(
+                    take_number=0, original_row=row.name, parent_row=row.name
+                )
                 editable[row.name] = {
                     "of": take.original_row,
                     "from": take.parent_row if row.edit else "",
-                    "editor": self.address(editor),
+                    "editor": self.to_url(editor),
                 }
         return {"rows": self.planned_rows(), "editable": editable, **state}
 
@@ -140,68 +142,72 @@ class RunView:
             "color": row.color,
             **self._addresses(files),
             **(
-                {"take_number": row.edit.number, "original_row": row.edit.original_row}
+                {"take_number": row.edit.take_number, "original_row": row.edit.original_row}
                 if row.edit
                 else {}
             ),
-            **({"available": row.available.model_dump()} if row.available else {}),
+            **({"frames_available": row.available.model_dump()} if row.available else {}),
             "stem": safe_file_stem(row.name),
             "is_reference": row.name == REFERENCE_NAME,
-            "noise": noise_group(row.edit.original_row if row.edit else row.name),
+            "noise_key": noise_group(row.edit.original_row if row.edit else row.name),
             "will_have_video": self.will_have_video,
             "is_planned": "input_plan" in row.files,
-            **({"assumed": _assumed(row)} if row.assumptions else {}),
+            **({"interpretation": _interpretation(row)} if row.assumptions else {}),
         }
 
     def _addresses(self, names: Any) -> dict[str, str]:
         paths = {kind: existing_file(self.folder, name) for kind, name in names.items()}
-        return {kind: self.address(path) for kind, path in paths.items() if path is not None}
+        return {kind: self.to_url(path) for kind, path in paths.items() if path is not None}
 
 
 def run_views_in(
-    folder: Path, address: FileToUrl, name: str, will_have_video: bool = False
+    folder: Path, to_url: FileToUrl, name: str, will_have_video: bool = False
 ) -> dict[str, RunView]:
     """Return the player data of a folder's run under "", or of several clips by name."""
     runs = find_runs(folder)
     return {
-        clip: RunView(run, address, f"{name}{clip}", will_have_video) for clip, run in runs.items()
+        clip: RunView(run, to_url, f"{name}{clip}", will_have_video) for clip, run in runs.items()
     }
 
 
-def _assumed(row: Row) -> dict[str, Any]:
-    """Return the interpretation of a row's file for the player, with the file's kind."""
-    read = [{**each, "reason": without_cli_options(each["reason"])} for each in row.assumptions]
-    return {"kind": f"*{row.file_suffix}", "read": read}
+def _interpretation(row: Row) -> dict[str, Any]:
+    """Return the interpretation of a row's file for the player, with its pattern."""
+    assumptions = [
+        {**each, "reason": without_cli_options(each["reason"])} for each in row.assumptions
+    ]
+    return {"file_pattern": f"*{row.source_suffix}", "assumptions": assumptions}
 
 
 def example_player_value(media: SharedFolders) -> dict[str, Any]:
     """Return the player's value of the example on a newly opened page: the paper's argument."""
     value = RunView(FIRST_LOOK, media.share(FIRST_LOOK, "")).player_value()
     value |= {"running": False, "plays_when_ready": False}
-    return rotation_noise_value(value, value["rows"][0], RotationNoiseRequest.noise_rad)
+    return rotation_noise_player_value(value, value["rows"][0], RotationNoiseRequest.noise_rad)
 
 
 ROTATION_SPACES = {"local": "Local rotations", "global": "Global rotations"}
 """Labels of the two bodies with noise."""
 
 
-def rotation_noise_value(
+def rotation_noise_player_value(
     value: dict[str, Any], clean_row: dict[str, Any], noise_rad: float
 ) -> dict[str, Any]:
-    """Return a player's value with a row twice, for the browser to add noise to its rotations.
-
-    Args:
-        clean_row: row of the motion without noise.
-        noise_rad: noise about each axis (rad) until the slider is moved.
-    """
+    """Return a player's value with a row twice, one with noise (rad) that a slider changes."""
     colors = colors_of(ROTATION_SPACES, None)
     shared = {
         key: clean_row[key]
-        for key in ("frames", "available", "is_reference", "noise", "will_have_video")
+        for key in ("frames", "frames_available", "is_reference", "noise_key", "will_have_video")
     }
     rows = [
-        {**shared, "name": name, "label": label, "stem": name, "space": name, "color": colors[name]}
+        {
+            **shared,
+            "name": name,
+            "label": label,
+            "stem": name,
+            "noise_space": name,
+            "color": colors[name],
+        }
         for name, label in ROTATION_SPACES.items()
     ]
-    noise = {"rad": noise_rad, "range": [MIN_NOISE_RAD, MAX_NOISE_RAD], "has_slider": True}
+    noise = {"initial_rad": noise_rad, "range": [MIN_NOISE_RAD, MAX_NOISE_RAD], "has_slider": True}
     return {**value, "rows": rows, "noise": noise, "is_example": True}

@@ -48,10 +48,10 @@ class SavedRun:
 
     job: Job
     view: RunView
-    """Player data for the browser that started the run."""
+    """Player data of the run of one clip, for the browser that started it."""
     form_values: Mapping[str, Any] = field(default_factory=dict)
     """Values of the form that started the run, by field, as far as others may see them."""
-    ended: float = field(default_factory=time.time)
+    ended_at: float = field(default_factory=time.time)
     token: str = ""
     clips: dict[str, SavedRun] = field(default_factory=dict)
     """All runs by clip, including this one, if a run has several clips; otherwise empty."""
@@ -102,13 +102,13 @@ class SavedRun:
         """Format the links to the zip, the HTML page and single files."""
         files = [run_view.folder / name for name in self.record.files if "/" not in name]
         files += [self.folder / name for name in READABLE_TABLES if self.clips]
-        listed = file_list_html(filter(Path.is_file, files), run_view.address)
+        listed = file_list_html(filter(Path.is_file, files), run_view.to_url)
         address = f"{RUN_ROUTE.lstrip('/')}/{self.token}"
         zipped = f'href="{address}" download title="{text.SAVE_RUN_HELP}"'
         page = f'href="{address}/page" download title="{text.SAVE_PAGE_HELP}"'
         saved = f"<a class=bundle {zipped}>{text.SAVE_RUN}</a><a {page}>{text.SAVE_PAGE}</a>"
         note = ""
-        if missing := self.record.missing:
+        if missing := self.record.pending_videos:
             videos = {*missing, *(path.name for path in files if path.suffix == ".mp4")}
             lacks = text.VIDEOS_MISSING.format(missing=len(missing), count=len(videos))
             note = f"<p>{lacks}</p>"
@@ -120,15 +120,15 @@ def progress_updates(run_view: RunView, parts: ResultParts) -> Updates:
     """Return the updates of player, verdict, metrics and figures of a run, finished or not."""
     record = run_view.record
     files = (existing_file(run_view.folder, name) for name in record.files)
-    figures = figures_html(filter(None, files), run_view.address, record.figure_captions)
+    figures = figures_html(filter(None, files), run_view.to_url, record.figure_captions)
     verdict_html = ""
     if (verdict := record.verdict) is not None:
-        verdict_html = markup.verdict(verdict.numbers, verdict.comparison, jerk_bars(record))
+        verdict_html = markup.verdict(verdict.jerk_sentence, verdict.comparison, jerk_bars(record))
     return {
         parts.player: run_view.player_value(),
         parts.figures: update_html(figures),
         parts.verdict: update_html(verdict_html),
-        parts.numbers: update_html(run_metrics_table(record) if record.numbers else ""),
+        parts.numbers: update_html(run_metrics_table(record) if record.metrics else ""),
     }
 
 
@@ -147,14 +147,14 @@ class SavedRuns(TokenStore[SavedRun]):
         for run in by_clip.values():
             run.clips = by_clip if len(by_clip) > 1 else {}
             if job.tab == EDITED and run.view.planned_rows():
-                run.view.set_editor_message()
+                run.view.set_editor_state()
             run.token = self.keep(run, job.folder, None)
         runs = list(by_clip.values())
         return next((run for run in runs if run.record.has_motion), runs[0])
 
     def find_editable(self, name: str, cookie: str) -> SavedRun | None:
         """Return the run of a name if this browser may edit its plans, or None."""
-        runs = [run for run in self.all() if run.view.name == name and run.view.editing]
+        runs = [run for run in self.all() if run.view.name == name and run.view.editor_state]
         mine = (
             run
             for run in runs
@@ -166,7 +166,7 @@ class SavedRuns(TokenStore[SavedRun]):
         """Return a browser's own runs, the newest first, with one for all clips of a run."""
         firsts = [run for run in self.all() if next(iter(run.clips.values()), run) is run]
         mine = [run for run in firsts if equal_in_constant_time(run.job.cookie, cookie)]
-        return sorted(mine, key=lambda run: run.ended, reverse=True)
+        return sorted(mine, key=lambda run: run.ended_at, reverse=True)
 
     def links_html(self, cookie: str, *opened: SavedRun) -> str:
         """Format the link of the opened runs and the list of the browser's own; empty without any.
@@ -179,7 +179,7 @@ class SavedRuns(TokenStore[SavedRun]):
             return ""
         link = ""
         if opened:
-            minutes = (min(run.ended for run in opened) + self._keep_s - time.time()) / 60
+            minutes = (min(run.ended_at for run in opened) + self._keep_s - time.time()) / 60
             words = "Link to this run" if len(opened) == 1 else text.PAIR_LINK
             link = (
                 f'<p class="link"><a href="{escape(url_of_runs(*opened))}">{words}</a>'
@@ -196,15 +196,8 @@ class SavedRuns(TokenStore[SavedRun]):
         return f'<div class="runs">{link}{listed if items else ""}</div>'
 
 
-def add_owner_run(saved_runs: SavedRuns, path: Path, temp: Path, media: SharedFolders) -> str:
-    """Store a run named by the page's owner for every visitor, and return its token.
-
-    Args:
-        path: folder of the run, or its zip.
-
-    Raises:
-        RunError: if there is no run.
-    """
+def add_host_run(saved_runs: SavedRuns, path: Path, temp: Path, media: SharedFolders) -> str:
+    """Store the host's run (--open) for every visitor; return its token; may raise RunError."""
     folder = copy_run(path, temp)
     run_views = run_views_in(folder, media.share(folder, ""), temp.name)
     is_made = next(iter(run_views.values())).record.kind == "generated"
@@ -220,7 +213,7 @@ def url_of_runs(*runs: SavedRun) -> str:
 def _comparison_link(opened: tuple[SavedRun, ...], mine: list[SavedRun]) -> str:
     """Format the link to a comparison with the previous run, of the same speech if possible."""
     (current, *others) = opened
-    before = [run for run in mine if run.ended < current.ended and run.job is not current.job]
+    before = [run for run in mine if run.ended_at < current.ended_at and run.job is not current.job]
     if others or not before:
         return ""
     speech = current.record.speech_sha256
@@ -242,7 +235,7 @@ def _item(run: SavedRun, is_open: bool, has_checkbox: bool) -> str:
     )
     return (
         f"<li>{tick if has_checkbox else ''}"
-        f'<time data-at="{run.ended:.0f}"></time>'
+        f'<time data-at="{run.ended_at:.0f}"></time>'
         f'<a href="{escape(url_of_runs(run))}"{here}>{title}</a></li>'
     )
 
@@ -252,7 +245,7 @@ def download_route(
     exports: OnDemandFiles,
     ending: str,
     task: Callable[..., object],
-    below: str = "",
+    path_suffix: str = "",
 ) -> APIRoute:
     """Make the route that serves finished runs in one file format.
 
@@ -267,7 +260,7 @@ def download_route(
         name = await run_in_threadpool(lambda: file_name(run.title, ending))
         return await exports.answer(task, lambda out: (run.folder, out), name, request)
 
-    return APIRoute(f"{RUN_ROUTE}/{{token}}{below}", answer, methods=["GET"])
+    return APIRoute(f"{RUN_ROUTE}/{{token}}{path_suffix}", answer, methods=["GET"])
 
 
 def file_name(title: str, ending: str = ".zip") -> str:

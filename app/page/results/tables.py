@@ -14,7 +14,7 @@ from app import text
 from app.errors import without_cli_options, without_folders
 from app.findings.comparison import (
     format_finding_kinds,
-    format_number,
+    format_two_digits,
     point_title,
     values_by_metric,
 )
@@ -27,7 +27,7 @@ from app.findings.metric_table import (
     Numbers,
     format_difference,
     format_mean_with_interval,
-    format_value,
+    format_three_digits,
     metric_definition,
     nearest_names,
 )
@@ -40,7 +40,7 @@ from model.metrics.protocols.table import WORKBENCH, protocol_of
 from model.storage.escaping import csv_text
 
 if TYPE_CHECKING:
-    from model.metrics.results import BeatSpeeds
+    from model.metrics.results import BeatSpeedSource
 
 
 @dataclass(frozen=True)
@@ -51,16 +51,18 @@ class Column:
     label: str
     numbers: Numbers
     kind: Literal["", "reference", "difference"] = ""
-    speeds: BeatSpeeds = "own"
+    beat_speed_source: BeatSpeedSource = "own"
     """Source of the mean speeds of BeatAlign."""
 
     def value(self, measure: Metric, version: FilterVersion) -> float | None:
         return self.numbers.get(version, {}).get(measure.key)
 
-    def by_protocol(self, measure: Metric, protocol: str) -> Column:
+    def only_if_protocol(self, measure: Metric, protocol: str) -> Column:
         """Return the column, without numbers if the measure is by another protocol here."""
         return (
-            self if protocol_of(measure.key, self.speeds) == protocol else replace(self, numbers={})
+            self
+            if protocol_of(measure.key, self.beat_speed_source) == protocol
+            else replace(self, numbers={})
         )
 
     @property
@@ -74,34 +76,35 @@ class Column:
                 key: value - theirs[key]
                 for key, value in self.numbers.get(version, {}).items()
                 if key in (theirs := other.numbers.get(version, {}))
-                and protocol_of(key, self.speeds) == protocol_of(key, other.speeds)
+                and protocol_of(key, self.beat_speed_source)
+                == protocol_of(key, other.beat_speed_source)
             }
             for version in FILTER_VERSIONS
         }
-        return Column(name, label, differences, "difference", self.speeds)
+        return Column(name, label, differences, "difference", self.beat_speed_source)
 
 
-def beat_speeds_of(run: RunRecord) -> BeatSpeeds:
+def beat_speed_source_of(run: RunRecord) -> BeatSpeedSource:
     """Return the source of the mean speeds of a run's BeatAlign."""
     metrics = run.request.get("metrics")
     if isinstance(metrics, dict) and metrics.get("mean_speeds"):
         return "emage"
-    return "reference" if REFERENCE_NAME in run.numbers else "own"
+    return "reference" if REFERENCE_NAME in run.metrics else "own"
 
 
 def run_metrics_table(run: RunRecord) -> str:
     """Format the metrics of a run: the reference first, a row for each available metric."""
-    labels = short_names(name for name in run.numbers if name != REFERENCE_NAME)
-    speeds = beat_speeds_of(run)
+    labels = short_names(name for name in run.metrics if name != REFERENCE_NAME)
+    beat_speed_source = beat_speed_source_of(run)
     columns = [
         Column(
             name,
             labels.get(name, name),
             numbers,
             "reference" if name == REFERENCE_NAME else "",
-            speeds,
+            beat_speed_source,
         )
-        for name, numbers in run.numbers.items()
+        for name, numbers in run.metrics.items()
     ]
     judgement = run.verdict.comparison if run.verdict and jerk_bars(run) else ""
     captions = _says(
@@ -110,8 +113,8 @@ def run_metrics_table(run: RunRecord) -> str:
         run.figure_captions.get("beats"),
     )
     above = _findings(run) + captions
-    legend = text.NEAREST_LEGEND if REFERENCE_NAME in run.numbers else text.NO_REFERENCE_LEGEND
-    return metrics_table(columns, point_title(run.point), legend, above)
+    legend = text.NEAREST_LEGEND if REFERENCE_NAME in run.metrics else text.NO_REFERENCE_LEGEND
+    return metrics_table(columns, point_title(run.tracked_point), legend, above)
 
 
 def _says(*sentences: str | None) -> str:
@@ -124,7 +127,7 @@ def metrics_table(columns: Sequence[Column], point: str, legend: str, above: str
     A metric that columns have by several protocols has a row for each.
     """
     numbers = [
-        (measure, protocol_of(measure.key, column.speeds), column, version, value)
+        (measure, protocol_of(measure.key, column.beat_speed_source), column, version, value)
         for measure in METRICS
         for column in columns
         for version in FILTER_VERSIONS
@@ -144,7 +147,7 @@ def metrics_table(columns: Sequence[Column], point: str, legend: str, above: str
         + "".join(
             _row(
                 each if several[each] == 1 else replace(each, title=f"{each.title} · {protocol}"),
-                [column.by_protocol(each, protocol) for column in columns],
+                [column.only_if_protocol(each, protocol) for column in columns],
             )
             for each, protocol in rows
         )
@@ -210,7 +213,7 @@ def _row(measure: Metric, columns: Sequence[Column]) -> str:
 
 
 def _cell(measure: Metric, column: Column, near: Mapping[FilterVersion, Sequence[str]]) -> str:
-    write = format_difference if column.kind == "difference" else format_value
+    write = format_difference if column.kind == "difference" else format_three_digits
     spans = ""
     for kind in FILTER_VERSIONS:
         is_near = column.name in near[kind]
@@ -224,12 +227,12 @@ def _finding(finding: FindingRecord, label: str) -> str:
     """Format a finding, with a button that shows its worst time and its body part."""
     go = ""
     if finding.worst_time_s is not None or finding.part:
-        at, where = "", f"the {finding.part}"
+        at, where, name = "", f"the {finding.part}", escape(finding.motion_name)
         if finding.worst_time_s is not None:
             tenths = round(10 * finding.worst_time_s)
             at, where = f"{finding.worst_time_s:.3f}", f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
         go = (
-            f'<button type="button" class="go" data-at="{at}" data-name="{escape(finding.name)}"'
+            f'<button type="button" class="go" data-at="{at}" data-name="{name}"'
             f' data-part="{finding.part}">{text.GO_THERE.format(where=where)}</button>'
         )
     who = f"<b>{escape(label)}:</b> " if label else ""
@@ -237,7 +240,8 @@ def _finding(finding: FindingRecord, label: str) -> str:
 
 
 NORM = (
-    "The limits for findings come from two recorded clips of one speaker and 90 procedural clips."
+    "The thresholds for findings come from two recorded clips of one speaker and 90 procedurally "
+    "generated clips."
 )
 
 
@@ -246,13 +250,13 @@ def _findings(run: RunRecord) -> str:
     others = [each for each in run.findings if each not in run.top_findings]
     if not run.top_findings or not others:
         return ""
-    items = [_finding(each, run.label(each.name)) for each in others]
+    items = [_finding(each, run.label(each.motion_name)) for each in others]
     return _listed(f'<p class="hint">{NORM}</p>', items, 0, f"More findings ({len(items)})")
 
 
 def jerk_bars(run: RunRecord) -> str:
     """Format the jerk of each motion as bars; empty for a single motion."""
-    raw = {name: of["raw"] for name, of in run.numbers.items()}
+    raw = {name: of["raw"] for name, of in run.metrics.items()}
     return _bars(run, {name: (of[JERK],) * 3 for name, of in raw.items() if JERK in of})
 
 
@@ -264,17 +268,15 @@ def _bars(run: RunRecord, jerk: Mapping[str, Sequence[float]], over: str = "") -
     colors = {row.name: row.color for row in run.rows}
     values = {
         run.label(name): (
-            format_number(ends[0]),
-            _bar_color(name, colors),
+            format_two_digits(ends[0]),
+            "currentColor" if name == REFERENCE_NAME else colors.get(name, "currentColor"),
             [v / most for v in ends],
         )
         for name, ends in jerk.items()
     }
-    return markup.bar_chart(f"{point_title(run.point)} jerk (m/s³){over}", values, bool(over))
-
-
-def _bar_color(name: str, colors: Mapping[str, str]) -> str:
-    return "currentColor" if name == REFERENCE_NAME else colors.get(name, "currentColor")
+    return markup.bar_chart(
+        f"{point_title(run.tracked_point)} jerk (m/s³){over}", values, bool(over)
+    )
 
 
 def _listed(title: str, items: Sequence[str], most: int, more: str) -> str:
@@ -298,26 +300,28 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     if len(runs) < 2:
         return ""
     first = next(iter(runs.values()))
-    measured = [run.numbers for run in runs.values()]
-    verdict = make_verdict(first.point, measured)
+    measured = [run.metrics for run in runs.values()]
+    verdict = make_verdict(first.tracked_point, measured)
     raw = values_by_metric({name: of["raw"] for name, of in clip.items()} for clip in measured)
     jerk = raw.get(JERK, {})
     means = {name: mean_with_interval(list(of.values())) for name, of in jerk.items()}
     above = ""
     if verdict is not None:
         bars = _bars(first, means, text.OVER_CLIPS)
-        above = markup.verdict(verdict.numbers, verdict.comparison, bars)
+        above = markup.verdict(verdict.jerk_sentence, verdict.comparison, bars)
         above += _says(markup.split_first_sentence(verdict.comparison)[1])
     names = short_names(jerk)
     rows = [
         _clip_row(
-            clip, [format_number(of[number]) if number in of else "…" for of in jerk.values()], run
+            clip,
+            [format_two_digits(of[number]) if number in of else "…" for of in jerk.values()],
+            run,
         )
         for number, (clip, run) in enumerate(runs.items(), 1)
     ]
-    cells = [format_mean_with_interval(*numbers, format_number) for numbers in means.values()]
+    cells = [format_mean_with_interval(*numbers, format_two_digits) for numbers in means.values()]
     head = markup.header_cells({name: names[name] for name in jerk})
-    title = f"{point_title(first.point)} jerk by clip (m/s³, as generated)"
+    title = f"{point_title(first.tracked_point)} jerk by clip (m/s³, as generated)"
     foot = f"<tfoot>{markup.table_row(text.CLIPS_MEAN, cells)}</tfoot>"
     is_done = all(run.state == "done" for run in runs.values())
     return (
@@ -335,19 +339,15 @@ def _clip_row(clip: str, cells: list[str], run: RunRecord) -> str:
     return f'<tr><th scope="row">{escape(clip)}</th><td colspan="{len(cells)}">{why}</td></tr>'
 
 
-COUNTED = "Means over {clips} of {sets}, unfiltered, with 95 % confidence intervals."
-WORST_FIRST = "Clips with the most kinds of findings (equal numbers ordered by jerk)"
+COUNTED = "Means of {sets} over the same {clips}, unfiltered, with 95 % confidence intervals."
+WORST_FIRST = "Clips with the most kinds of findings (ties ordered by jerk)"
 SETS_TABLE = "Mean over clips [95 % confidence interval]"
 NUM_WORST_CLIPS = 5
 """Maximum number of worst clips that are not folded."""
 
 
 def sets_html(summary: Mapping[str, Any], systems: Sequence[str], figure: str, links: str) -> str:
-    """Format the results of sets (`app.run.tasks.SetResults.summary`) with figure and links.
-
-    Args:
-        systems: names of the systems, the reference last.
-    """
+    """Format `app.run.tasks.SetResults.batch_json` with figure and links; reference last."""
     clips = summary["clips"]
     count = COUNTED.format(clips=pluralise(len(clips), "clip"), sets=pluralise(len(systems), "set"))
     return (
@@ -373,7 +373,7 @@ def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
     unit = next(row.unit for row in METRICS if row.key == JERK)
     items = [
         f"<li><b>{escape(each['clip'])}</b><span>{escape(each['system'])}: "
-        f"{escape(format_finding_kinds(each['kinds']))}; jerk {format_value(each['jerk'])} "
+        f"{escape(format_finding_kinds(each['kinds']))}; jerk {format_three_digits(each['jerk'])} "
         f"{unit}</span></li>"
         for each in worst
     ]

@@ -8,9 +8,7 @@ size and past all limits of uploads.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from starlette.datastructures import Headers
 from starlette.types import Message, Receive, Scope
@@ -25,17 +23,12 @@ MAX_VALUES = 10_000
 """Maximum number of values in a call, nested ones included."""
 _MAX_DEPTH = 32
 _MAX_UNREAD_BYTES = 10**8
-"""Number of bytes read of a body that is too large; a client that still sends would miss the
-answer."""
-TOO_LARGE = (
-    "This request is larger than {limit:,} bytes, which is the limit. Upload files separately."
-)
+"""Bytes read of a body that is too large; a client that still sends would miss the answer."""
+TOO_LARGE = "This request is larger than the limit of {limit:,} bytes. Upload files separately."
 TOO_MANY_ITEMS = "A list in this request has {count} items; the limit is {limit}."
-TOO_MANY_FILES = "This request names more than {limit} files, which is the limit."
-TOO_MANY_VALUES = "This request contains more than {limit:,} values, which is the limit."
-TOO_DEEP = (
-    f"Lists in this request are nested more than {_MAX_DEPTH} levels deep, which is the limit."
-)
+TOO_MANY_FILES = "This request refers to more than {limit} files; the limit is {limit}."
+TOO_MANY_VALUES = "This request exceeds the limit of {limit:,} values."
+TOO_DEEP = f"Lists in this request are nested too deeply; the limit is {_MAX_DEPTH} levels."
 NOT_UPLOADED = "This request gives a file as a URL or a stream; upload the file instead."
 
 
@@ -48,11 +41,7 @@ class RequestBodyError(Exception):
 
 
 async def read_limited_body(scope: Scope, receive: Receive) -> Receive:
-    """Read a request's body, and return a ``receive`` that passes it to the route.
-
-    Raises:
-        RequestBodyError: for a body beyond the limits.
-    """
+    """Read a body within the limits; return a ``receive`` of it; raises RequestBodyError."""
     if scope["path"].rstrip("/").endswith((UPLOAD_ROUTE, CHARACTER_ROUTE)):
         return receive
     body, num_bytes, has_ended = bytearray(), 0, False
@@ -85,11 +74,7 @@ def _replay(first: Message, receive: Receive) -> Receive:
 
 
 def check_json_body(body: bytes) -> None:
-    """Check the values, lists and files in a JSON body; other bodies are left to the route.
-
-    Raises:
-        RequestBodyError: if there are too many, or if a file was not uploaded.
-    """
+    """Check values, lists and files in a JSON body; raises RequestBodyError."""
     try:
         unchecked = [(json.loads(body), 0)] if body else []
     except RecursionError:
@@ -103,7 +88,7 @@ def check_json_body(body: bytes) -> None:
             raise RequestBodyError(TOO_DEEP, 400)
         if isinstance(value, list) and len(value) > MAX_ITEMS:
             raise RequestBodyError(TOO_MANY_ITEMS.format(limit=MAX_ITEMS, count=len(value)))
-        if isinstance(value, dict) and _is_file(value):
+        if isinstance(value, dict) and "path" in value:  # Gradio treats it as an uploaded file
             num_files += 1
             if value.get("is_stream") or "://" in str(value["path"]):
                 raise RequestBodyError(NOT_UPLOADED, 400)
@@ -115,8 +100,3 @@ def check_json_body(body: bytes) -> None:
                 raise RequestBodyError(TOO_MANY_VALUES.format(limit=MAX_VALUES))
             inner = value.values() if isinstance(value, dict) else value
             unchecked += [(each, depth + 1) for each in inner]
-
-
-def _is_file(value: Any) -> bool:
-    """Check whether Gradio treats a value as an uploaded file."""
-    return isinstance(value, Mapping) and "path" in value

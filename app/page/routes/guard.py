@@ -61,7 +61,8 @@ class HostNames:
 
     def __init__(self, bound: str, more: Collection[str] = ()) -> None:
         """Collect the host names: the listening address ``bound``, local ones, and ``more``."""
-        self._names = {name.lower() for name in (*_LOCAL, bound, *more, _space())}
+        space = os.environ.get("SPACE_HOST") or "localhost"  # of a hosted Gradio space
+        self._names = {name.lower() for name in (*_LOCAL, bound, *more, space)}
         self._any_address = bound in _ANYWHERE
 
     def __contains__(self, host: str) -> bool:
@@ -76,21 +77,16 @@ class HostNames:
         return self._any_address  # an IP address cannot be redirected by DNS
 
 
-def _space() -> str:
-    """Return the host name of a hosted Gradio space, or localhost."""
-    return os.environ.get("SPACE_HOST") or "localhost"
-
-
-def security_headers(embedders: Collection[str] = ()) -> list[tuple[bytes, bytes]]:
+def security_headers(frame_ancestors: Collection[str] = ()) -> list[tuple[bytes, bytes]]:
     """Return security headers for every answer.
 
     They forbid content sniffing, and frames on any sites but these, where clicks can be hijacked.
     """
     hosts = _SPACES if os.environ.get("SPACE_HOST") else ()
-    policy = " ".join(("frame-ancestors 'self'", *hosts, *embedders))
+    policy = " ".join(("frame-ancestors 'self'", *hosts, *frame_ancestors))
     headers = [(b"content-security-policy", policy.encode("ascii"))]
     headers.append((b"x-content-type-options", b"nosniff"))
-    if not hosts and not embedders:  # the header cannot list sites
+    if not hosts and not frame_ancestors:  # the header cannot list sites
         headers.append((b"x-frame-options", b"SAMEORIGIN"))
     return headers
 
@@ -101,8 +97,8 @@ def _name_of(host: str) -> str:
     return match["name"].strip("[]").lower() if match else ""
 
 
-def install_guard(
-    names: HostNames, embedders: Collection[str] = (), *, has_proxy: bool = False
+def guard_lifespan(
+    names: HostNames, frame_ancestors: Collection[str] = (), *, has_proxy: bool = False
 ) -> Callable[[FastAPI], contextlib.AbstractAsyncContextManager[None]]:
     """Return a lifespan that puts the guard in front of an app, including its CORS headers.
 
@@ -114,7 +110,11 @@ def install_guard(
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         inner = app.middleware_stack or app.build_middleware_stack()
         app.middleware_stack = Guard(
-            PageCache(inner, app), app, names, security_headers(embedders), trusts_forwarded_headers
+            PageCache(inner, app),
+            app,
+            names,
+            security_headers(frame_ancestors),
+            trusts_forwarded_headers,
         )
         yield
 
@@ -240,7 +240,7 @@ async def refuse_wrong_body(request: Request, error: Exception) -> JSONResponse:
 _NO_TEXT = "Invalid UTF-8 sequence received from client."
 
 
-def silence_socket_errors() -> None:
+def silence_invalid_websocket_text() -> None:
     """Prevent a traceback in the log for a WebSocket that sends invalid text."""
     logger = logging.getLogger("uvicorn.error")
     if _is_no_fault not in logger.filters:

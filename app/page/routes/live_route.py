@@ -20,7 +20,7 @@ from app.config import EXAMPLES
 from app.errors import RunError, visitor_message
 from app.live.sessions import LiveSessions
 from app.page.routes.guard import is_same_origin
-from app.page.visitors.visitors import COOKIE, address_of
+from app.page.visitors.visitors import COOKIE, client_network_of
 
 SPEAK_ROUTE = "/live/speak"
 EXAMPLE_ROUTE = "/live/example"
@@ -71,13 +71,14 @@ async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
     try:
         first_message, cookie = await _ask(socket), socket.cookies.get(COOKIE, "")
         number = await run_in_threadpool(
-            sessions.open, first_message, cookie, tell, address_of(socket)
+            sessions.open, first_message, cookie, tell, client_network_of(socket)
         )
         if not await _sent(socket, await unsent.get()):  # token and timing come first
             return
         async with asyncio.TaskGroup() as ways:
             hearing = ways.create_task(_hear(socket, sessions, number))
-            await _send(socket, unsent)
+            while await _sent(socket, await unsent.get()):
+                pass
             hearing.cancel()
     except Exception as error:
         why = error.exceptions[0] if isinstance(error, ExceptionGroup) else error
@@ -117,12 +118,6 @@ def _object(json_text: str) -> object:
         return json.loads(json_text) if len(json_text) <= MAX_ASK_BYTES else None
     except (ValueError, RecursionError):
         return None
-
-
-async def _send(socket: WebSocket, unsent: asyncio.Queue[Message]) -> None:
-    """Send frames and other messages, up to and including the final sentence."""
-    while await _sent(socket, await unsent.get()):
-        pass
 
 
 async def _sent(socket: WebSocket, message: Message) -> bool:

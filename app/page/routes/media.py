@@ -40,10 +40,10 @@ from app.page.visitors.characters import FILE, Characters
 from app.page.visitors.quota import Quota
 from app.page.visitors.visitors import TokenStore, cookie_of
 from app.run.frame_packets import (
-    body_shapes_bytes,
-    encode_camera_bound_poses,
+    encode_camera_framing_poses,
     face_blendshape_names,
-    open_body_glb,
+    make_open_body_glb,
+    open_body_build_bytes,
 )
 from app.run.requests.convert import parse_field, request_from
 from app.run.requests.parts import FigureWidth, VideoOptions, check_choice
@@ -102,11 +102,11 @@ class SharedFolders(TokenStore[_Shared]):
         """
         token = self.keep(_Shared(folder, types), folder, cookie or None)
 
-        def address(path: Path) -> str:
+        def to_url(path: Path) -> str:
             name = quote(path.relative_to(folder).as_posix())
             return f"{MEDIA_ROUTE.lstrip('/')}/{token}/{name}?{path.stat().st_ino}"
 
-        return address
+        return to_url
 
     def file_of_url(self, address: str, cookie: str) -> Path | None:
         """Return the file of a URL that this browser may fetch, or None."""
@@ -144,13 +144,7 @@ class OnDemandFiles:
         do: Callable[[Callable[..., object], Any], object],
         quota: Quota | None = None,
     ) -> None:
-        """Configure the exports.
-
-        Args:
-            temp: folder of a file until it is sent.
-            do: runs a task in a worker process.
-            quota: tells the owners of requests apart.
-        """
+        """Configure the exports."""
         self.temp, self._do, self._quota = temp, do, quota or Quota()
         self._turns: anyio.CapacityLimiter | None = None  # made within its event loop
         self._num_open: Counter[str] = Counter()
@@ -159,19 +153,17 @@ class OnDemandFiles:
     async def answer(
         self,
         task: Callable[..., object],
-        request: Callable[[Path], object],
+        make_request: Callable[[Path], object],
         name: str,
-        client: Request | None = None,
+        http_request: Request | None = None,
     ) -> Response:
         """Make a file and return it as a download, so that the browser never opens it as a page.
 
         Args:
-            request: makes the task's request for a path.
-            name: name of the download.
-            client: the HTTP request; None if the caller limits the number of requests itself.
+            http_request: None if the caller limits the number of requests itself.
         """
         self._turns = self._turns or anyio.CapacityLimiter(1)
-        owner = [] if client is None else [self._quota.owner_of(client)]
+        owner = [] if http_request is None else [self._quota.owner_of(http_request)]
         if any(self._num_open[each] >= MAX_EXPORTS for each in owner):
             return PlainTextResponse(TOO_MANY_EXPORTS, status_code=429)
         folder = Path(tempfile.mkdtemp(dir=self.temp))
@@ -184,10 +176,10 @@ class OnDemandFiles:
 
         try:
             async with self._turns:
-                if client is not None and await client.is_disconnected():
+                if http_request is not None and await http_request.is_disconnected():
                     end()
                     return Response(status_code=408)
-                await anyio.to_thread.run_sync(self._do, task, request(out))
+                await anyio.to_thread.run_sync(self._do, task, make_request(out))
         except Exception as error:
             end()
             return PlainTextResponse(visitor_message(error), status_code=400)
@@ -205,12 +197,7 @@ class OnDemandFiles:
 
 ENDINGS = {"glb": ".glb", "vrma": ".vrma", "bvh": ".bvh", "blender": ".blender.npz"}
 """Suffixes of motion exports by value of the URL's parameter, as in app/page/web/stage/files.js."""
-PLAN_ENDINGS = {
-    "json": ".json",
-    "textgrid": ".TextGrid",
-    "elan": ".eaf",
-    "markers": MARKERS_SUFFIX,
-}
+PLAN_ENDINGS = {"json": ".json", "textgrid": ".TextGrid", "elan": ".eaf", "markers": MARKERS_SUFFIX}
 """Suffixes of gesture plan exports by value of the URL's parameter."""
 PLAN_SUFFIX = ".plan.json"
 FIGURE_ENDINGS = {"svg": ".svg", "pdf": ".pdf"}
@@ -242,7 +229,7 @@ def redraw_request(
         if any(query.getlist(key))
     }
     check_choice(values.get("figure_width", "174mm"), get_args(FigureWidth), "width")
-    own = {"run": run, "out": out.with_suffix(""), "body": body, "figure_forms": (form,)}
+    own = {"run": run, "out": out.with_suffix(""), "body": body, "figure_formats": (form,)}
     return request_from(FigureRequest, values | own)
 
 
@@ -253,11 +240,7 @@ def media_routes(
     quota: Quota,
     body: Path | None = None,
 ) -> list[BaseRoute]:
-    """Return the routes of the player's files, exports, the page's modules, and body data.
-
-    Args:
-        body: body of figures; None for the open one.
-    """
+    """Return the routes of the player's files, exports, modules, and the body (None: open)."""
 
     async def file(token: str, name: str, request: Request) -> Response:
         shared_path = await run_in_threadpool(media.file, token, name, cookie_of(request))
@@ -318,8 +301,8 @@ def media_routes(
 
 
 CHARACTER_TOO_LARGE = (
-    "This file is larger than {limit:.0f} MB, which is the limit for a character; export it with "
-    "smaller textures."
+    "This file is larger than the limit of {limit:.0f} MB for a character; export it with smaller "
+    "textures."
 )
 TOO_MANY_CHARACTERS = "The server is reading too many other characters now; try again in a moment."
 CHARACTER_GONE = (
@@ -430,7 +413,7 @@ def _route(path: str, make: Callable[[], bytes], media_type: str) -> APIRoute:
 
 def warm_caches() -> None:
     """Make the data that the first page would wait for."""
-    open_body_glb()
+    make_open_body_glb()
     viewer_constants()
 
 
@@ -447,7 +430,7 @@ def viewer_constants() -> bytes:
     constants = {
         **browser_render_constants(),
         "faces": list(face_blendshape_names()),
-        "reaches": base64.b64encode(encode_camera_bound_poses()).decode("ascii"),
+        "reaches": base64.b64encode(encode_camera_framing_poses()).decode("ascii"),
         "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_EXAGGERATED_RAD},
         "scales": {"speed": FULL_SPEED_M_S},
         "points": {name: title for title, name in tracked_point_choices()},
@@ -459,8 +442,8 @@ def viewer_constants() -> bytes:
 
 
 VIEWER_ASSETS: Mapping[str, tuple[Callable[[], bytes], str]] = {
-    "live/body.glb": (open_body_glb, "model/gltf-binary"),
+    "live/body.glb": (make_open_body_glb, "model/gltf-binary"),
     "stage/facts.json": (viewer_constants, "application/json"),
-    "stage/builds.bin": (body_shapes_bytes, "application/octet-stream"),
+    "stage/builds.bin": (open_body_build_bytes, "application/octet-stream"),
 }
 """Functions that make the data which every viewer fetches once, and MIME types, by route."""

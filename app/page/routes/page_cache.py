@@ -76,13 +76,8 @@ class PageCache:
                 return self._answers[key]
             headers = [(b"host", f"{secrets.token_hex(16)}.invalid".encode())]
             headers += [header for header in scope["headers"] if header[0] == b"cookie"]
-            request_scope = {
-                **scope,
-                "method": "GET",
-                "query_string": key.query,
-                "headers": headers,
-            }
-            request_scope["extensions"] = {}
+            request_scope = {**scope, "method": "GET", "extensions": {}}
+            request_scope |= {"query_string": key.query, "headers": headers}
             self.app.api_info = None  # Gradio would keep the list with the first visitor's host
             messages: list[Message] = []
 

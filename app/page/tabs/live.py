@@ -29,15 +29,11 @@ class LiveRecordingRunner(MotionRunner):
     tab = "live"
 
     def make_request(self, job: Job, values: Sequence[Any]) -> GenerateRequest:
-        """Write the last minute into the job's folder, and return its request.
-
-        Raises:
-            RunError: if there is nothing to keep.
-        """
+        """Write the last minute to the job's folder, and return its request; raises RunError."""
         token = values[0] if isinstance(values[0], str) else ""
         recording = self.services.live.save_recording(token[:_MAX_TOKEN], job.cookie, job.folder)
         config = self.services.config_for(job)
-        display = {**PAGE_VIDEO_OPTIONS, "figure_forms": ("png",)}
+        display = {**PAGE_VIDEO_OPTIONS, "figure_formats": ("png",)}
         return replace_fields(recording, weights=config.weights, body=config.body, **display)
 
 

@@ -19,15 +19,15 @@ from app.page.parts import markup
 from app.page.parts.catalogue import (
     Catalogue,
     default_systems,
+    descriptions_by_label,
     example_title,
     guidance_choices,
     labels_by_group,
-    system_descriptions,
     tracked_point_choices,
 )
 from app.page.parts.form_values import Fields
 from app.page.parts.markup import UNQUEUED_EVENT, group_choices
-from app.page.tabs.runner import PAGE_VIDEO_OPTIONS, Services, page_request
+from app.page.tabs.runner import PAGE_VIDEO_OPTIONS, Services, request_with_page_settings
 from app.run.batch.saved_run import SPEECH_FOLDER
 from app.run.batch.speech_batch import ENDINGS
 from app.run.requests.parts import DEFAULT_TRACKED_POINT, FIGURE_PANELS, MAX_CLIPS, MAX_SAMPLES
@@ -82,15 +82,15 @@ def request_from_form(
     if isinstance(steps, dict):  # by name, whole or as the form shows it
         steps = {named.get(name, name): count for name, count in steps.items()}
     values |= {"systems": systems, "steps": steps, **PAGE_VIDEO_OPTIONS}
-    request = page_request(GenerateRequest, values, config, folder)
+    request = request_with_page_settings(GenerateRequest, values, config, folder)
     request.check()
     return request
 
 
-def values_to_save(form: Fields, values: Sequence[Any], folder: Path) -> dict[str, Any]:
-    """Return the values that fill the form in when the run's link is opened.
+def save_form_values(form: Fields, values: Sequence[Any], folder: Path) -> dict[str, Any]:
+    """Copy the speech into the run's folder, and return the values of the form for the run's link.
 
-    Files are omitted, except for speech, which is copied into the run's folder under its name.
+    Other files are omitted.
     """
     sent = dict(zip(form, values, strict=False))
     saved = {
@@ -145,7 +145,7 @@ def build_form(services: Services) -> FormParts:
         ),
         buttons=[],
     )
-    services.check_uploads(of["speech"], "speech")
+    services.attach_upload_check(of["speech"], "speech")
     limits = text.SPEECH_HELP.format(
         min_s=config.min_speech_s, max_min=round(config.max_speech_s / 60, 1)
     )
@@ -156,7 +156,7 @@ def build_form(services: Services) -> FormParts:
         help_text = text.CLIPS_HELP.format(
             count=MAX_CLIPS,
             max_min=round(config.max_speech_s / 60, 1),
-            size=config.max_upload.upper().replace("MB", " MB"),
+            size=config.max_upload_size.upper().replace("MB", " MB"),
         )
         gr.HTML(f'<p class="hint">{help_text}</p>')
         of["clips"] = services.file_field(
@@ -167,10 +167,10 @@ def build_form(services: Services) -> FormParts:
         choices=catalogue.system_choices,
         value=default_systems(catalogue.systems),
         label="Systems to compare",
-        info="All systems use the same noise seed. The tab “Systems” describes each of them.",
+        info="All systems use the same noise seed. They are described in the “Systems” tab.",
         elem_id="systems",
     )
-    about, groups = system_descriptions(catalogue.systems), labels_by_group(catalogue.systems)
+    about, groups = descriptions_by_label(catalogue.systems), labels_by_group(catalogue.systems)
     group_choices("systems", about, groups)
     gr.HTML(markup.step_heading(3, "Settings"))
     with gr.Row(elem_classes="pair"):
@@ -178,8 +178,8 @@ def build_form(services: Services) -> FormParts:
             choices=list(catalogue.speakers),
             value=catalogue.speakers[0] if catalogue.speakers else None,
             label="Speaker style",
-            info="Gesture style of a training speaker (invented people in the bundled weights), "
-            "independent of who speaks in the audio.",
+            info="Gesture style of one speaker of the training data; it need not match the voice "
+            "in the audio. The bundled weights have invented speakers.",
             min_width=120,
         )
         of["seed"] = gr.Number(
@@ -219,9 +219,9 @@ def build_form(services: Services) -> FormParts:
             label="Sampler steps",
             info=(
                 "Empty: the default of each system. A number applies to all systems; full=20, "
-                "local=5 sets the numbers of single systems."
+                "local=5 changes only these two."
             ),
-            placeholder=catalogue.default_steps,
+            placeholder=catalogue.default_steps_text,
             max_lines=1,
             elem_id="steps",
         )

@@ -22,12 +22,12 @@ from app.page.results.run_comparison import comparison_updates
 from app.page.results.run_view import EMPTY_PLAYER_VALUE, run_views_in
 from app.page.results.saved_runs import RUN_QUERY_PARAMETER, SavedRun, progress_updates
 from app.page.results.tables import clips_html
-from app.page.tabs.motion import FormParts, request_from_form, values_to_save
+from app.page.tabs.motion import FormParts, request_from_form, save_form_values
 from app.page.tabs.runner import Services, TabRunner
 from app.page.tabs.stage import BackgroundVideos
 from app.page.visitors.job_folders import Job
-from app.page.visitors.visitors import cookie_of, equal_in_constant_time, visitor_of
-from app.run.batch.saved_run import OPENED, run_request
+from app.page.visitors.visitors import cookie_of, equal_in_constant_time, page_session_of
+from app.run.batch.saved_run import OPENED, run_page_request
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, RunStage, StageProgress
 from app.run.output.run_folder import mark_run_failed
 from app.run.requests.convert import replace_fields
@@ -45,14 +45,14 @@ class RunProgress:
     started: float = field(default_factory=time.monotonic)
     fractions: dict[RunStage, float] = field(default_factory=dict)
     details: dict[RunStage, str] = field(default_factory=dict)
-    clip: str = ""
+    clips_text: str = ""
     """Number of clips, if there are several."""
 
-    def html(self, events: Sequence[RunEvent]) -> str:
+    def updated_html(self, events: Sequence[RunEvent]) -> str:
         """Update the progress with events, and format it as HTML."""
         for event in events:
             if isinstance(event, StageProgress):
-                self.clip = event.clip
+                self.clips_text = event.clips_text
                 self.fractions[event.stage] = event.fraction
                 self.details[event.stage] = event.detail
         return markup.run_status(self.line, self.fractions, self.details, self.stages)
@@ -64,7 +64,7 @@ class RunProgress:
         doing = [stage for stage, fraction in self.fractions.items() if fraction < 1]
         stage = (doing or list(self.fractions))[-1]  # between two stages, the previous one
         seconds = time.monotonic() - self.started
-        of_clip = f"{self.clip}: " if self.clip else ""
+        of_clip = f"{self.clips_text}: " if self.clips_text else ""
         return f"{of_clip}{text.STAGE_NAMES[stage]} ({seconds:.0f} s so far)"
 
 
@@ -115,14 +115,14 @@ class MotionRunner(TabRunner):
         """Return the request of a form; raises RunError if it is invalid."""
 
     def run(self, request: gr.Request, *values: Any) -> Iterator[Updates]:
-        self._waiting.discard(visitor_of(request))
+        self._waiting.discard(page_session_of(request))
         yield from super().run(request, *values)
 
     def job_updates(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         request = self.make_request(job, values)
-        self.videos.cancel_videos(job.visitor)
+        self.videos.cancel_videos(job.page_session)
         fields = self.form.fields
-        form = values_to_save(fields, values, job.folder) if "speech" in fields else {}
+        form = save_form_values(fields, values, job.folder) if "speech" in fields else {}
         yield self.start_updates()
         yield from self.perform(job, request, form)
 
@@ -135,9 +135,9 @@ class MotionRunner(TabRunner):
             Exception: from a run that has left nothing.
         """
         services, parts = self.services, self.parts
-        address = services.media.share(job.folder, job.cookie)
+        to_url = services.media.share(job.folder, job.cookie)
         run_views = partial(
-            run_views_in, request.output.out, address, job.folder.name, request.output.has_video
+            run_views_in, request.output.out, to_url, job.folder.name, request.output.has_video
         )
         line = RunProgress(
             [
@@ -149,7 +149,7 @@ class MotionRunner(TabRunner):
         so_far: Updates = {}
 
         def updates_of(events: list[RunEvent]) -> Updates:
-            updates: Updates = {parts.status: line.html(events)}
+            updates: Updates = {parts.status: line.updated_html(events)}
             if any(isinstance(event, FolderUpdated) for event in events):
                 begun = run_views()
                 moving = [each for each in begun.values() if each.record.has_motion]
@@ -158,7 +158,7 @@ class MotionRunner(TabRunner):
                 updates[parts.clips] = update_html(clips_html(records))
                 if len(records) > 1:
                     updates[parts.verdict] = update_html("")
-                if [*records] == [""] and records[""].numbers:  # figures do not need the form
+                if [*records] == [""] and records[""].metrics:  # figures do not need the form
                     updates[self.form.start] = gr.update(interactive=True)
             new = {part: each for part, each in updates.items() if so_far.get(part) != each}
             so_far.update(new)
@@ -169,7 +169,7 @@ class MotionRunner(TabRunner):
 
             def do(callbacks: RunCallbacks) -> None:
                 try:
-                    services.worker.do(run_request, without_video, callbacks)
+                    services.worker.do(run_page_request, without_video, callbacks)
                 finally:  # after the end of its process, maybe later than that of the generator
                     opened = request.output.out.with_name(OPENED)
                     shutil.rmtree(opened, ignore_errors=True)
@@ -189,7 +189,7 @@ class MotionRunner(TabRunner):
         yield {
             **saved.updates(parts, plays_when_ready=True),
             parts.runs: update_html(services.saved_runs.links_html(job.cookie, saved)),
-            **self.button_updates(is_running=job.visitor in self._waiting),
+            **self.button_updates(is_running=job.page_session in self._waiting),
         }
 
     def start_updates(self) -> Updates:
@@ -215,20 +215,20 @@ class MotionRunner(TabRunner):
 
     def waiting_updates(self, request: gr.Request) -> Updates:
         """Show that the run waits for its turn."""
-        self._waiting.add(visitor_of(request))
+        self._waiting.add(page_session_of(request))
         line = markup.sentence_status("Waiting in the queue.")
         return {self.status: line, **self.button_updates(is_running=True)}
 
     def failure_updates(self, request: gr.Request) -> Updates:
         """Release the buttons after a failed run, and the status if the queue was full."""
-        visitor = visitor_of(request)
-        if visitor not in self._waiting:
+        page_session = page_session_of(request)
+        if page_session not in self._waiting:
             return self.button_updates(is_running=False)
-        self._waiting.discard(visitor)
+        self._waiting.discard(page_session)
         return self.idle_updates()
 
     def cancel(self, request: gr.Request) -> Updates:
-        self._waiting.discard(visitor_of(request))
+        self._waiting.discard(page_session_of(request))
         return super().cancel(request)
 
     def idle_updates(self) -> Updates:
@@ -298,7 +298,7 @@ class PageLoader:
 
     def _pair_opened(self, runs: Sequence[SavedRun], cookie: str) -> Updates:
         parts = next(iter(self._places.values()))
-        a, b = sorted(runs, key=lambda run: run.ended)
+        a, b = sorted(runs, key=lambda run: run.ended_at)
         return {
             **comparison_updates(a, b, parts, self.services.media, cookie),
             parts.runs: update_html(self._saved_runs.links_html(cookie, a, b)),
@@ -326,7 +326,7 @@ class PageLoader:
     def _open_run(self, run: SavedRun, parts: ResultParts, cookie: str) -> Updates:
         run_view = run.view
         is_own = equal_in_constant_time(run.job.cookie, cookie)
-        if run.job.visitor and not is_own:  # no visitor: public
+        if run.job.page_session and not is_own:  # without one: public
             run_view = run_view.for_browser(self.services.media.share(run.folder, cookie))
         return {
             **run.updates(parts, run_view),

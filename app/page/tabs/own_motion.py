@@ -34,13 +34,13 @@ from app.page.tabs.motion import (
     with_default_panels,
 )
 from app.page.tabs.motion_run import MotionRunner
-from app.page.tabs.runner import PAGE_VIDEO_OPTIONS, Services, page_request
+from app.page.tabs.runner import PAGE_VIDEO_OPTIONS, Services, request_with_page_settings
 from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import TokenStore
 from app.run.batch.archives import UNPACKED, archive_stem, is_archive
 from app.run.batch.saved_run import is_saved_run_zip
 from app.run.callbacks import RunCallbacks
-from app.run.examples import RECORDED, write_faulty_example
+from app.run.examples import RECORDED, write_faulty_example_files
 from app.run.requests.convert import replace_fields, request_from
 from app.run.requests.parts import DEFAULT_TRACKED_POINT, MAX_COMPARED
 from app.run.requests.requests import AnyRun, DiagnoseRequest
@@ -58,7 +58,7 @@ API_FIELDS = (
 SETS = (".zip", ".tgz", ".gz", ".tar")
 """Suffixes of archives; browsers see only the end of ``.tar.gz``."""
 FILES_HELP = (
-    "Motion files (.npz, .npy, .bvh), the speech audio, a transcript (.TextGrid, subtitles, or "
+    "Motion files (.npz, .npy, .bvh), the speech audio, a transcript (.TextGrid, .srt, .vtt or "
     "English text as .txt), or zips of clips, in any order. The type of each file is detected."
 )
 NO_RECORDED = "none"
@@ -90,7 +90,7 @@ def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
             planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
-            form = build_own_form(services)
+            form = build_own_motion_form(services)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             of_sets = (
                 hidden_html("own-sets"),
@@ -101,7 +101,7 @@ def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
     motions, recorded, assume = (form.fields[each] for each in ("motions", "recorded", "told"))
     scroll_to_on_click(planted, parts.status)
     filled = planted.click(
-        lambda: (write_faulty_example(services.config.temp / "planted"), RECORDED),
+        lambda: (write_faulty_example_files(services.config.temp_folder / "planted"), RECORDED),
         outputs=[motions, recorded],
         **PRIVATE_EVENT,
         trigger_mode="once",
@@ -122,7 +122,7 @@ def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
     return parts
 
 
-def build_own_form(services: Services) -> FormParts:
+def build_own_motion_form(services: Services) -> FormParts:
     of: dict[str, Any] = {}
     of["motions"] = services.file_field(
         "files",
@@ -208,7 +208,11 @@ SetsParts = tuple[gr.HTML, gr.Dropdown]
 MAX_FILES = 24
 TOO_MANY = "At most {limit} files are measured at once; {count} were given."
 TOO_MANY_SHOWN = "At most {limit} motions can be shown side by side; {count} are selected."
-DIAGNOSE_DEFAULTS: dict[str, Any] = {**PAGE_VIDEO_OPTIONS, "size": 512, "max_frames": 108_000}
+DIAGNOSE_DEFAULTS: dict[str, Any] = {
+    **PAGE_VIDEO_OPTIONS,
+    "picture_height_px": 512,
+    "max_total_frames": 108_000,
+}
 """Fields of every request of this tab; the limit is an hour of frames, which the command line
 lacks."""
 MAX_NAME = 60
@@ -218,14 +222,14 @@ MAX_NAME = 60
 def own_motion_request(values: Mapping[str, Any], job: Path, config: AppConfig) -> DiagnoseRequest:
     """Make the request of a form from the result of `parse_form_values`; raises RunError."""
     values = with_default_panels(values)
-    values |= sort_files_by_kind(values["motions"], values.pop("recorded"))
+    values |= assign_files_to_fields(values["motions"], values.pop("recorded"))
     motions, reference, speech = values["motions"], values["reference"], values["speech"]
     if not motions:
         raise RunError("Choose at least one motion file (.npz, .npy or .bvh), or a zip of many.")
     if is_saved_run_zip(motions):
         return request_for_motions({"run": motions[0]}, None, job, config)
     limit = MAX_COMPARED - (reference is not None)
-    if has_archives(motions):
+    if has_clip_archives(motions):
         if len(motions) > limit:
             raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(motions)))
         of_sets = ("motions", "names", "reference", "speech", "told", "channel")
@@ -242,15 +246,11 @@ def own_motion_request(values: Mapping[str, Any], job: Path, config: AppConfig) 
         raise RunError(NO_SETS)
     values["shown"] = chosen if len(motions) > limit else ()
     values["told"] = values["told"].restricted_to(files, *names)
-    return page_request(DiagnoseRequest, {**DIAGNOSE_DEFAULTS, **values}, config, job)
+    return request_with_page_settings(DiagnoseRequest, {**DIAGNOSE_DEFAULTS, **values}, config, job)
 
 
-def sort_files_by_kind(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
-    """Assign files to the request's fields by their kind; raises RunError if that is not unique.
-
-    Args:
-        recorded: name of the recorded motion, if there is one.
-    """
+def assign_files_to_fields(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
+    """Assign files to the request's fields by their kind; raises RunError if that is not unique."""
     if len(files) > MAX_FILES + len(SINGLE_FILE_KINDS):
         raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(files)))
     by_kind: dict[FileKind, list[Path]] = {"motions": [], "sounds": [], "transcript": []}
@@ -274,7 +274,7 @@ def sort_files_by_kind(files: Sequence[Path], recorded: str | None) -> dict[str,
     }
 
 
-def has_archives(motions: Sequence[Path]) -> bool:
+def has_clip_archives(motions: Sequence[Path]) -> bool:
     """Check whether archives of clips are measured."""
     return any(map(is_archive, motions)) and not is_saved_run_zip(motions)
 
@@ -314,7 +314,7 @@ class DiagnoseRunner(MotionRunner):
         self, job: Job, request: AnyRun, form: Mapping[str, Any]
     ) -> Generator[Updates, None, None]:
         assert isinstance(request, DiagnoseRequest)
-        if not has_archives(request.motions.motions):
+        if not has_clip_archives(request.motions.motions):
             yield from super().perform(job, request, form)
             return
 
@@ -325,23 +325,22 @@ class DiagnoseRunner(MotionRunner):
                 shutil.rmtree(request.output.out / UNPACKED, ignore_errors=True)
                 raise
 
-        results = yield from self.run_with_updates(job, do, "Measuring clips: {share:.0%}")
-        address = self.services.media.share(job.folder, job.cookie)
+        results = yield from self.run_with_updates(job, do, "Measuring clips: {percent:.0f} %")
+        to_url = self.services.media.share(job.folder, job.cookie)
         token = self.sets.keep(results, job.folder, job.cookie or None)
-        figures, files = (
-            figures_html(results.files, address),
-            file_list_html(results.files, address),
-        )
-        choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(results.summary)]
-        line = "Measured {clips} of {sets}. Choose a clip to show it in the viewer.".format(
-            clips=pluralise(len(choices), "clip"),
-            sets=pluralise(len(results.clips), "set"),
+        figures = figures_html(results.files, to_url)
+        files = file_list_html(results.files, to_url)
+        choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(results.batch_json)]
+        line = "Measured {clips} per set ({sets}). Choose a clip to show it in the viewer.".format(
+            clips=pluralise(len(choices), "clip"), sets=pluralise(len(results.motion_files), "set")
         )
         summary, clip = self._of_sets
         yield {
             self.status: markup.sentence_status(line),
             self.parts.message: update_html(markup.collapsed_notes(list(results.notes))),
-            summary: update_html(sets_html(results.summary, list(results.clips), figures, files)),
+            summary: update_html(
+                sets_html(results.batch_json, list(results.motion_files), figures, files)
+            ),
             clip: gr.update(choices=choices, value=None, visible=True),
             **self.button_updates(is_running=False),
         }
@@ -371,9 +370,9 @@ class ClipRunner(MotionRunner):
         sets, config = self._sets.find(token, job.cookie), self.services.config_for(job)
         if sets is None:
             raise RunError("These clips have expired. Please upload the zips again.")
-        if clip not in sets.summary["clips"]:
+        if clip not in sets.batch_json["clips"]:
             raise RunError("This clip is not in the uploaded sets. Please reload the page.")
-        motions = {name: files[clip] for name, files in sets.clips.items()}
+        motions = {name: files[clip] for name, files in sets.motion_files.items()}
         request = request_for_motions(motions, sets.audio_files.get(clip), job.folder, config)
         names, overrides = request.motions.names, sets.request.imports.import_overrides
         return replace_fields(
@@ -391,4 +390,4 @@ def request_for_motions(
     motions = {name: path for name, path in files.items() if name != REFERENCE_NAME}
     values = {"motions": tuple(motions.values()), "names": tuple(motions), "speech": speech}
     values |= {"reference": files.get(REFERENCE_NAME), "has_video": True}
-    return page_request(DiagnoseRequest, {**DIAGNOSE_DEFAULTS, **values}, config, job)
+    return request_with_page_settings(DiagnoseRequest, {**DIAGNOSE_DEFAULTS, **values}, config, job)

@@ -28,7 +28,7 @@ from app.page.results.saved_runs import SavedRuns
 from app.page.routes.media import SharedFolders
 from app.page.visitors.characters import Characters
 from app.page.visitors.job_folders import Job, Jobs
-from app.page.visitors.visitors import CHECKS, RUNS, TokenStore, cookie_of, visitor_of
+from app.page.visitors.visitors import CHECKS, RUNS, TokenStore, cookie_of, page_session_of
 from app.page.worker import Task, Worker
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from app.run.display import Display
@@ -41,12 +41,12 @@ Request = TypeVar("Request")
 PAGE_VIDEO_OPTIONS: dict[str, Any] = {
     "display": Display(has_trail=True),
     "close_ups": CLOSE_UPS,
-    "size": 640,
+    "picture_height_px": 640,
 }
 """Video options of all runs of the page; the player has every close-up, and shows a selection."""
 
 
-def page_request(
+def request_with_page_settings(
     request_type: type[Request], values: Mapping[str, Any], config: AppConfig, job: Path
 ) -> Request:
     """Make a request from a form's values and the settings of this page."""
@@ -55,7 +55,7 @@ def page_request(
         "weights": config.weights,
         "body": config.body,
         "max_speech_s": config.max_speech_s,
-        "figure_forms": ("png",),
+        "figure_formats": ("png",),
     }
     names = accepted_field_names(request_type)
     return request_from(
@@ -83,7 +83,7 @@ class Services:
     media: SharedFolders = field(default_factory=SharedFolders)
     private_files: TokenStore[Path] = field(default_factory=TokenStore)
     """Folders of researchers' parts that have not been fetched yet."""
-    example_value: dict[str, Any] | None = None
+    example_player_value: dict[str, Any] | None = None
     """Player's value of the example before the first run."""
     opened_run_tokens: tuple[str, ...] = ()
     """Tokens of the run that the page was started to show."""
@@ -100,10 +100,10 @@ class Services:
         field = gr.File(
             label=label, file_types=file_types, type="filepath", elem_id=elem_id, **options
         )
-        self.check_uploads(field, kind)
+        self.attach_upload_check(field, kind)
         return field
 
-    def check_uploads(self, field: gr.Audio | gr.File, kind: UploadKind) -> None:
+    def attach_upload_check(self, field: gr.Audio | gr.File, kind: UploadKind) -> None:
         """Check files put into a field, and show errors below it; call this right after it."""
         refusal = gr.HTML("", visible=False, elem_id=f"{field.elem_id}-refusal")
         field.change(
@@ -248,11 +248,12 @@ class TabRunner(ABC):
         Raises:
             gr.Error: if the run fails, with the sentence that the tab shows too.
         """
-        cookie, visitor, jobs = cookie_of(request), visitor_of(request), self.services.jobs
+        cookie, page_session = cookie_of(request), page_session_of(request)
+        jobs = self.services.jobs
         try:
             with (
                 jobs.open_job(
-                    visitor,
+                    page_session,
                     self.tab,
                     cookie,
                     values,
@@ -262,18 +263,18 @@ class TabRunner(ABC):
                 closing(self.job_updates(job, values)) as steps,
             ):
                 blank = next(steps)
-                self._unfinished.add(visitor)
+                self._unfinished.add(page_session)
                 yield blank
                 for update in steps:
                     if job.is_cancelled():
                         raise Cancelled  # drop the pending update
                     yield update
-            self._unfinished.discard(visitor)
+            self._unfinished.discard(page_session)
         except Cancelled:
-            self._unfinished.discard(visitor)
+            self._unfinished.discard(page_session)
             yield self.stopped_updates(markup.sentence_status(text.CANCELLED), "")
         except Exception as error:
-            self._unfinished.discard(visitor)
+            self._unfinished.discard(page_session)
             sentence = visitor_message(error)
             yield self.stopped_updates(
                 markup.sentence_status(text.STOPPED), markup.error_message(sentence)
@@ -284,11 +285,11 @@ class TabRunner(ABC):
 
     def cancel(self, request: gr.Request) -> Updates:
         """Cancel the visitor's run; Gradio takes it out of the queue, or closes the generator."""
-        visitor = visitor_of(request)
-        self.services.jobs.cancel(visitor, self.tab)
-        if visitor not in self._unfinished:
+        page_session = page_session_of(request)
+        self.services.jobs.cancel(page_session, self.tab)
+        if page_session not in self._unfinished:
             return self.idle_updates()
-        self._unfinished.discard(visitor)
+        self._unfinished.discard(page_session)
         return self.stopped_updates(markup.sentence_status(text.CANCELLED), "")
 
     def idle_updates(self) -> Updates:
@@ -313,7 +314,7 @@ class TabRunner(ABC):
         """Run a task in the worker.
 
         Args:
-            to_updates: function of the events, or the text of the status with a ``share``.
+            to_updates: function of the events, or the text of the status with a ``percent``.
         """
         return self.run_with_updates(
             job, partial(self.services.worker.do, task, request), to_updates
@@ -326,7 +327,8 @@ class TabRunner(ABC):
             share = last_fraction(events) if to_updates else None
             if share is None:
                 return {}
-            return {self.status: markup.sentence_status(str(to_updates).format(share=share))}
+            sentence = str(to_updates).format(percent=100 * share)
+            return {self.status: markup.sentence_status(sentence)}
 
         function = line if isinstance(to_updates, str) else to_updates
         return stream_updates(do, job, function, {self.status: gr.skip()})

@@ -22,7 +22,7 @@ from app.page.results.saved_runs import SavedRun
 from app.page.routes.media import CHARACTER_GONE
 from app.page.tabs.runner import Services, TabRunner, last_fraction, stream_updates
 from app.page.visitors.job_folders import Job
-from app.page.visitors.visitors import visitor_of
+from app.page.visitors.visitors import page_session_of
 from app.run.callbacks import FolderUpdated, RunEvent
 from app.run.display import ViewerState
 from app.run.output.run_folder import declare_expected_videos, drop_unfinished_edits
@@ -41,7 +41,7 @@ class EditMessage(BaseModel):
     """Request of the plan editor, as written by app/page/web/player/editing.js."""
 
     run: Annotated[str, Field(max_length=MAX_NAME)]
-    start: Annotated[str, Field(max_length=MAX_NAME)]
+    source_row: Annotated[str, Field(max_length=MAX_NAME)]
     """Name of the row with the plan to edit."""
     edits: Any = None
     """Edits as for `parse_edits`; an empty list only prepares the row for editing."""
@@ -89,24 +89,24 @@ class EditRunner(TabRunner):
         run_view = run.view
 
         def message_update(sentence: str, **how: Any) -> Updates:
-            run_view.set_editor_message(sentence, **how)
+            run_view.set_editor_state(sentence, **how)
             return {self.parts.player: run_view.player_value() | {"plays_when_ready": False}}
 
         def coming(events: list[RunEvent]) -> Updates:
             if not any(isinstance(event, FolderUpdated) for event in events):
                 return {}
-            number = max(row.edit.number for row in run_view.record.rows if row.edit)
-            return message_update(text.TAKE_COMING.format(number=number), state="working")
+            number = max(row.edit.take_number for row in run_view.record.rows if row.edit)
+            return message_update(text.TAKE_COMING.format(number=number), is_working=True)
 
         drop_unfinished_edits(run_view.folder)  # left by closed pages
         yield message_update(
-            text.TAKE_BEGINS if message.edits else text.EDITOR_BEGINS, state="working"
+            text.TAKE_BEGINS if message.edits else text.EDITOR_BEGINS, is_working=True
         )
         try:
             wanted = PlanEditRequest(
                 run=run_view.folder,
                 weights=self.services.config.weights,
-                source_row=message.start,
+                source_row=message.source_row,
                 edits=parse_edits(message.edits),
                 body=self.services.config.body,
             )
@@ -120,7 +120,11 @@ class EditRunner(TabRunner):
                 without_cli_options(take.notes[0]), is_refused=True, offers=take.suggestions
             )
             return
-        done = text.TAKE_DONE.format(number=take.number) if take.number else text.EDITOR_READY
+        done = (
+            text.TAKE_DONE.format(number=take.take_number)
+            if take.take_number
+            else text.EDITOR_READY
+        )
         yield message_update(" ".join((done, *take.notes)))
 
     def stopped_updates(self, status: str, message: str) -> Updates:
@@ -151,16 +155,18 @@ class ViewerVideoRunner(TabRunner):
 
     def job_updates(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         viewer = ViewerState.parse(values[0])
-        body = self.services.config.body
+        sound, body = viewer.sound_url, self.services.config.body
         if viewer.has_character:
             body = self.services.characters.link(job.cookie, job.folder)
             if body is None:
                 raise RunError(CHARACTER_GONE)
         request = ViewerVideoRequest(
             viewer=viewer,
-            motions=tuple(self._file(body.motion, job.cookie, ".npz") for body in viewer.bodies),
+            motions=tuple(
+                self._file(each.motion_url, job.cookie, ".npz") for each in viewer.bodies
+            ),
             out=job.folder / "results",
-            speech=self._file(viewer.sound, job.cookie, ".wav") if viewer.sound else None,
+            speech=self._file(sound, job.cookie, ".wav") if sound else None,
             body=body,
         )
         yield {
@@ -174,7 +180,7 @@ class ViewerVideoRunner(TabRunner):
                 return {}
             return {
                 self.status: update_html(
-                    status_line(text.VIEWER_VIDEO_PROGRESS.format(share=share), share)
+                    status_line(text.VIEWER_VIDEO_PROGRESS.format(percent=100 * share), share)
                 )
             }
 
@@ -224,13 +230,8 @@ class RemainingTime:
     first: tuple[float, float] | None = None
     """Fraction and time (s) of the first progress."""
 
-    def sentence(self, share: float, now: float) -> str:
-        """Return the estimate as part of a sentence; empty until a tenth is done.
-
-        Args:
-            share: fraction done, 0 to 1.
-            now: time (s).
-        """
+    def suffix(self, share: float, now: float) -> str:
+        """Return the estimate at a share (0 to 1) and time (s) as text; empty below a tenth."""
         if self.first is None and share > 0.0:
             self.first = share, now
         done, began = self.first or (share, now)
@@ -255,16 +256,16 @@ class BackgroundVideos:
         """Request the videos of a run, which start with the next event of its visitor's page."""
         declare_expected_videos(run.view.folder, video.views)
         wanted = {who: each for who, each in self._wanted.items() if each[0].folder.exists()}
-        self._wanted = wanted | {run.job.visitor: (run, video)}
+        self._wanted = wanted | {run.job.page_session: (run, video)}
 
-    def cancel_videos(self, visitor: str) -> None:
+    def cancel_videos(self, page_session: str) -> None:
         """Cancel the videos of a visitor's previous run."""
-        self._wanted.pop(visitor, None)
-        self.services.jobs.cancel(visitor, self._tab)
+        self._wanted.pop(page_session, None)
+        self.services.jobs.cancel(page_session, self._tab)
 
     def on_page_closed(self, request: gr.Request) -> None:
         """Cancel the videos when the visitor has closed the page."""
-        self.cancel_videos(visitor_of(request))
+        self.cancel_videos(page_session_of(request))
 
     def attach_to(self, run: Any) -> None:
         """Attach the rendering of videos to the end of each run of an event."""
@@ -280,15 +281,15 @@ class BackgroundVideos:
 
     def run(self, request: gr.Request) -> Iterator[Updates]:
         """Yield updates while requested videos of the visitor's last run are rendered."""
-        visitor = visitor_of(request)
-        wanted = self._wanted.pop(visitor, None)
+        page_session = page_session_of(request)
+        wanted = self._wanted.pop(page_session, None)
         if wanted is None:
             yield {self.parts.status: gr.skip()}  # without any update, Gradio clears all outputs
             return
         run, video = wanted
         try:
             jobs = self.services.jobs
-            with jobs.open_job(visitor, self._tab, owner=jobs.quota.owner_of(request)) as job:
+            with jobs.open_job(page_session, self._tab, owner=jobs.quota.owner_of(request)) as job:
                 job.extra_paths.append(run.job.folder)  # the videos are added to it
                 yield from self._drawn(job, run, video)
         except Cancelled:
@@ -306,8 +307,8 @@ class BackgroundVideos:
                 updates[self.parts.downloads] = update_html(run.downloads_html(run.view))
             share = last_fraction(events)
             if share is not None:
-                when = remaining.sentence(share, time.monotonic())
-                drawn = f"Rendering videos in the background: {share:.0%}{when}."
+                when = remaining.suffix(share, time.monotonic())
+                drawn = f"Rendering videos in the background: {100 * share:.0f} %{when}."
                 updates |= self._line(run, drawn)
             return updates
 

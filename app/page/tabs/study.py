@@ -33,11 +33,11 @@ from app.page.visitors.job_folders import Job
 from app.page.visitors.uploads import MAX_FILES
 from app.run.callbacks import RunCallbacks
 from app.study.analyse import AnalysisRequest, analyse
-from app.study.design.plan import Plan, load_wording, read_plan
+from app.study.design.plan import StudyPlan, load_wording, read_study_plan
 from app.study.design.trials import make_design, study_minutes_and_summary
-from app.study.make.workspace import EXPORT_STUDY, ExportRequest
+from app.study.make.export_folders import EXPORT_STUDY, ExportRequest
 from conventions.views import VIEWS
-from model.systems.registry import default_planner
+from model.systems.registry import default_planning_system
 
 INTRODUCTION = (
     "Creates a blind user study: a web page for your participants, with videos under random "
@@ -76,7 +76,7 @@ def build_study_tab(services: Services) -> Fields:
 
     for button in ready:
         settings, changes = STUDY_PRESETS[button.value]
-        filled = json.dumps([settings, [default_planner()], changes])
+        filled = json.dumps([settings, [default_planning_system()], changes])
         # In the browser, so that a click on "Make the study" right after it uses these values.
         button.click(
             None,
@@ -86,7 +86,7 @@ def build_study_tab(services: Services) -> Fields:
         )
         button.click(examples, speeches, speeches, **PRIVATE_EVENT)
     outputs = [status, result]
-    only_plan = PlanRunner(services, fields, status, result)
+    only_plan = StudyPlanRunner(services, fields, status, result)
     at_once: dict[str, Any] = {"concurrency_id": "plan", "show_progress": "hidden"}
     only_plan.start_on(write.click, fields, outputs=outputs, api_name="study_plan", **at_once)
     runner = StudyRunner(services, fields, status, result)
@@ -97,7 +97,7 @@ def build_study_tab(services: Services) -> Fields:
 
 def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
     """Lay out buttons that fill in example studies on the gestures of the system with plans."""
-    if default_planner() not in catalogue.systems:
+    if default_planning_system() not in catalogue.systems:
         return []
     gr.HTML(
         '<p class="hint">Example studies (with the example speech, unless you upload your own):</p>'
@@ -108,7 +108,7 @@ def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
 
 def _build_materials(services: Services) -> dict[str, Any]:
     """Lay out the fields of what is compared."""
-    catalogue, planner = services.catalogue, default_planner()
+    catalogue, planner = services.catalogue, default_planning_system()
     of: dict[str, Any] = {}
     of["title"] = gr.Textbox("How people move when they talk", label="Title (participants see it)")
     of["protocol"] = gr.Radio([*PROTOCOLS.items()], value="pairwise", label="Protocol")
@@ -123,7 +123,7 @@ def _build_materials(services: Services) -> dict[str, Any]:
         catalogue.system_choices,
         value=default_systems(catalogue.systems),
         label="Systems",
-        info="Every additional system adds one video per clip and more comparisons.",
+        info="Every additional system adds one video per clip and view, and more comparisons.",
     )
     of["changed"] = gr.CheckboxGroup(
         list(PLAN_MODIFICATIONS),
@@ -135,7 +135,8 @@ def _build_materials(services: Services) -> dict[str, Any]:
     )
     of["motions"] = services.file_field(
         "motion",
-        f"Your own motion (optional): <system>{SEPARATOR}<name of the speech file>.npz",
+        f"Your own motion (optional), files named <system>{SEPARATOR}<name of the speech file> "
+        "(.npz, .npy or .bvh)",
         [".npz", ".npy", ".bvh"],
         "study-motions",
         file_count="multiple",
@@ -200,7 +201,7 @@ ANALYSIS_INTRODUCTION = (
     "uploaded files and the report within an hour."
 )
 NO_ANSWERS = "Add at least one answer file of a participant."
-NO_KEY = "Add key.json from the zip of the researcher's files."
+NO_KEY = "Add key.json from researcher_only.zip."
 TOO_MANY = "At most {limit} files are analysed here; {count} were given. Use the command line."
 ANALYSED = "Done. The report is shown below; download its files to keep them."
 
@@ -238,8 +239,8 @@ SEPARATOR = "--"
 PROTOCOLS = {
     "Pairwise comparison: human-likeness (without sound)": "pairwise",
     "Matched or mismatched speech: appropriateness (one system at a time)": "matched",
-    "Ranking of all systems (three questions)": "ranking",
-    "Slider ratings of all systems: human-likeness, with sound": "rating",
+    "Ranking of all systems: three questions (with sound)": "ranking",
+    "Slider ratings of all systems: human-likeness (with sound)": "rating",
 }
 PLAN_MODIFICATIONS = {
     "strokes on other words": "{ wrong_words = true }",
@@ -261,11 +262,7 @@ MAX_VIDEO_S = 1800.0
 
 
 def study_plan_toml(values: Mapping[str, Any]) -> str:
-    """Format the study plan as TOML, with relative file names.
-
-    Raises:
-        RunError: if something is missing that only an error message of the page can explain.
-    """
+    """Format the study plan as TOML with relative file names; raises RunError."""
     clips, length_s = values["speeches"], values["length_s"]
     if not clips:
         raise RunError(
@@ -288,8 +285,8 @@ def study_plan_toml(values: Mapping[str, Any]) -> str:
     if count * length_s > MAX_VIDEO_S:
         raise RunError(
             f"This study has {count * length_s / 60:.0f} minutes of video; this page renders at "
-            f"most {MAX_VIDEO_S / 60:.0f}. Use the command line, or reduce clips, systems or "
-            "length."
+            f"most {MAX_VIDEO_S / 60:.0f} minutes. Use the command line, or reduce clips, systems "
+            "or length."
         )
     lines = [
         f"title = {_text(values['title'] or 'Co-speech motion')}",
@@ -309,7 +306,7 @@ def study_plan_toml(values: Mapping[str, Any]) -> str:
     for system in values["systems"]:
         lines += ["", "[[systems]]", f"name = {_text(system)}"]
     for name in changed:
-        planner = default_planner()
+        planner = default_planning_system()
         lines += ["", "[[systems]]", f"name = {_text(f'{planner} {name}')}"]
         lines += [f"system = {_text(planner)}", f"style = {PLAN_MODIFICATIONS[name]}"]
     for system, motions in others.items():
@@ -336,8 +333,8 @@ def _by_system(paths: Iterable[Path]) -> dict[str, dict[str, Path]]:
         system, separator, clip = path.stem.partition(SEPARATOR)
         if not (system and separator and clip):
             raise RunError(
-                f"The motion file {path.name} must be named <system>{SEPARATOR}<clip>.npz, with "
-                "the name of a speech file as the clip."
+                f"The motion file {path.name} must be named <system>{SEPARATOR}<clip>{path.suffix}"
+                ", where <clip> is the name of a speech file."
             )
         systems.setdefault(system, {})[clip] = path
     return systems
@@ -361,7 +358,7 @@ KEY_HELP = (
     "answers cannot be analysed. The server deletes the key when you have downloaded it, and "
     "after {minutes} minutes in any case. Do not give the key to participants."
 )
-KEY_BUTTON = "Download key and records (zip, only once)"
+KEY_BUTTON = "Download the researcher's files with the key (zip; possible only once)"
 KEY_FETCHED = "Downloaded. Check that researcher_only.zip is in your downloads folder."
 PREVIEW = "Preview as participant"
 PARTICIPANTS = "For participants: the page and its videos (zip)"
@@ -381,20 +378,20 @@ class StudyRunner(TabRunner):
         self.result_part = result
 
     def job_updates(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        fields = parse_form_values(Plan, self.fields, values)
+        fields = parse_form_values(StudyPlan, self.fields, values)
         path = job.folder / "plan.toml"
         path.write_text(study_plan_toml(fields), "utf-8")
-        plan = read_plan(path)
+        plan = read_study_plan(path)
         size = study_minutes_and_summary(plan, make_design(plan))[1]
         yield {
             self.status: markup.sentence_status(text.STARTING),
             self.result_part: update_html(""),
         }
-        address = self.services.media.share(job.folder, job.cookie)
-        yield from self._make_study(job, fields, path, size, address)
+        to_url = self.services.media.share(job.folder, job.cookie)
+        yield from self._make_study(job, fields, path, size, to_url)
 
     def _make_study(
-        self, job: Job, fields: Mapping[str, Any], plan: Path, size: str, address: FileToUrl
+        self, job: Job, fields: Mapping[str, Any], plan: Path, size: str, to_url: FileToUrl
     ) -> Generator[Updates, None, None]:
         """Create the study, the participants' part with the job, the researcher's in private."""
         if not job.cookie:
@@ -429,7 +426,9 @@ class StudyRunner(TabRunner):
                 shutil.rmtree(work, ignore_errors=True)
 
         try:
-            pages = yield from self.run_with_updates(job, make, "Making the videos: {share:.0%}")
+            pages = yield from self.run_with_updates(
+                job, make, "Making the videos: {percent:.0f} %"
+            )
         except BaseException:
             job.cancel()
             shutil.rmtree(waiting, ignore_errors=True)  # if the task ended before that
@@ -437,8 +436,8 @@ class StudyRunner(TabRunner):
         token = services.private_files.keep(waiting, waiting, job.cookie)
         look = services.media.share(pages, job.cookie, PARTICIPANT_TYPES)(pages / "index.html")
         files = (
-            _link("study-participants", address(bundle), bundle.name, PARTICIPANTS),
-            _link("study-plan", address(job.folder / plan.name), plan.name, PLAN),
+            _link("study-participants", to_url(bundle), bundle.name, PARTICIPANTS),
+            _link("study-plan", to_url(job.folder / plan.name), plan.name, PLAN),
         )
         html = (
             f"{_key(token, config.result_lifetime_s)}{_preview(f'{look}&preview')}{''.join(files)}"
@@ -452,13 +451,13 @@ class StudyRunner(TabRunner):
         return {self.status: message or status}
 
 
-class PlanRunner(StudyRunner):
+class StudyPlanRunner(StudyRunner):
     """Runner that only writes the study plan."""
 
     def _make_study(
-        self, job: Job, fields: Mapping[str, Any], plan: Path, size: str, address: FileToUrl
+        self, job: Job, fields: Mapping[str, Any], plan: Path, size: str, to_url: FileToUrl
     ) -> Generator[Updates, None, None]:
-        link = _link("study-plan", address(plan), plan.name, PLAN)
+        link = _link("study-plan", to_url(plan), plan.name, PLAN)
         yield {
             self.status: markup.sentence_status(f"The plan is written. {size}"),
             self.result_part: update_html(f'<div class="downloads">{link}</div>'),

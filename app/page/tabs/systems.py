@@ -14,9 +14,9 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.catalogue import (
     Catalogue,
+    descriptions_by_label,
     guidance_choices,
     labels_by_group,
-    system_descriptions,
 )
 from app.page.parts.form_values import Fields, parse_form_values
 from app.page.parts.markup import (
@@ -27,8 +27,8 @@ from app.page.parts.markup import (
     update_html,
 )
 from app.page.results.result_parts import figures_html
-from app.page.results.run_view import EMPTY_PLAYER_VALUE, RunView, rotation_noise_value
-from app.page.tabs.runner import Services, TabRunner, last_fraction, page_request
+from app.page.results.run_view import EMPTY_PLAYER_VALUE, RunView, rotation_noise_player_value
+from app.page.tabs.runner import Services, TabRunner, last_fraction, request_with_page_settings
 from app.page.visitors.job_folders import Job
 from app.run.callbacks import FolderUpdated, RunEvent
 from app.run.examples import FIRST_MOTION
@@ -40,8 +40,13 @@ from app.run.requests.requests import (
     SpeechEffectRequest,
     StepSweepRequest,
 )
-from app.run.tasks import COMPARE_ROTATION_NOISE, MEASURE_SPEECH_EFFECT, MEASURE_STEPS, Task
-from model.generation.family import Ablation, AblationStep, ExtraSystem, Topic
+from app.run.tasks import (
+    COMPARE_ROTATION_NOISE,
+    MEASURE_SPEECH_EFFECT,
+    MEASURE_STEPS,
+    ImportedFunction,
+)
+from model.generation.family import Ablation, AblationStep, NonAblationSystem, Topic
 from model.storage.cards import DEFAULT_SPEAKER_PAIR
 from model.systems.registry import families, family_of, representatives
 
@@ -64,7 +69,7 @@ def ablations_html(systems: Sequence[str]) -> str:
     """Format the ablation steps as cards, and mark those without weights."""
     ablations = [family.ablation for family in families() if family.ablation is not None]
     cards = "".join(_ablation(each, systems) for each in ablations)
-    explained = [name for each in ablations for name in each.systems]
+    explained = [name for each in ablations for name in each.explained_systems]
     others = _others([name for name in systems if name not in explained])
     return f'<section class="ladder">{cards}{others}</section>'
 
@@ -78,7 +83,7 @@ def _ablation(ablation: Ablation, systems: Sequence[str]) -> str:
     return f"<h2>{title}</h2><p>{introduction}</p><ol>{cards}</ol>{extra}"
 
 
-def _extra(system: ExtraSystem, systems: Sequence[str]) -> str:
+def _extra(system: NonAblationSystem, systems: Sequence[str]) -> str:
     missing = "" if system.system in systems else f"<em>{NOT_HERE}</em>"
     return (
         f'<div class="own"><h3>{escape(system.title)}</h3>'
@@ -107,7 +112,8 @@ def _card(number: int, step: AblationStep, systems: Sequence[str]) -> str:
         f'<li{"" if is_here else " class=absent"}><h3><i aria-hidden="true">{number}</i>'
         f"{escape(step.adds)}</h3>"
         f"<code>{escape(step.system)}</code>{missing}<p>{escape(step.meaning)}</p>"
-        f'<div class="equation">$${step.equation}$$<small>{escape(step.source)}</small></div>'
+        f'<div class="equation">$${step.equation}$$'
+        f"<small>{escape(step.equation_reference)}</small></div>"
         f"<p><b>What to watch</b> {escape(step.look_for)}</p></li>"
     )
 
@@ -115,16 +121,16 @@ def _card(number: int, step: AblationStep, systems: Sequence[str]) -> str:
 MOTION_TYPES = [".npz", ".npy", ".bvh"]
 
 
-class FigureRunner(TabRunner):
+class ExperimentRunner(TabRunner):
     """Runner of an experiment: a part of the tab with a form and a figure."""
 
-    preview: dict[str, Any] = EMPTY_PLAYER_VALUE
+    preview_player_value: dict[str, Any] = EMPTY_PLAYER_VALUE
     """Player's value before a run."""
     title: ClassVar[str]
     introduction: ClassVar[str]
     button_label: ClassVar[str]
     request_type: ClassVar[type[Any]]
-    task: ClassVar[Task]
+    task: ClassVar[ImportedFunction]
 
     def __init__(self, services: Services) -> None:
         """Lay out and wire the part."""
@@ -155,7 +161,7 @@ class FigureRunner(TabRunner):
         ticked = [name for name in representatives(topic) if name in catalogue.systems]
         choices, elem_id = catalogue.system_choices, f"{self.tab}-systems"
         chips = gr.CheckboxGroup(choices, value=ticked, label="Systems", elem_id=elem_id)
-        about, groups = system_descriptions(catalogue.systems), labels_by_group(catalogue.systems)
+        about, groups = descriptions_by_label(catalogue.systems), labels_by_group(catalogue.systems)
         markup.group_choices(elem_id, about, groups)
         return chips
 
@@ -171,11 +177,13 @@ class FigureRunner(TabRunner):
         wanted = self.request_fields(parse_form_values(self.request_type, self.fields, values)) | {
             "is_incremental": True
         }
-        request = page_request(self.request_type, wanted, self.services.config_for(job), job.folder)
+        request = request_with_page_settings(
+            self.request_type, wanted, self.services.config_for(job), job.folder
+        )
         request.check()
         yield self.stopped_updates(markup.sentence_status(text.STARTING_SYSTEMS), "")
-        address = self.services.media.share(job.folder, job.cookie)
-        run_view = RunView(request.output.out, address, job.folder.name)
+        to_url = self.services.media.share(job.folder, job.cookie)
+        run_view = RunView(request.output.out, to_url, job.folder.name)
 
         def updates_of(events: list[RunEvent]) -> Updates:
             updates: Updates = {}
@@ -184,7 +192,7 @@ class FigureRunner(TabRunner):
                 updates[self.player] = self.player_value(run_view, wanted)
             share = last_fraction(events)
             if share is not None:
-                updates[self.status] = markup.sentence_status(f"Measuring: {share:.0%}")
+                updates[self.status] = markup.sentence_status(f"Measuring: {100 * share:.0f} %")
             return updates
 
         yield from self.run_task(job, self.task, request, updates_of)
@@ -195,7 +203,7 @@ class FigureRunner(TabRunner):
             self.status: markup.sentence_status(record.message),
             self.player: self.player_value(run_view, wanted),
             self.message: update_html(f'<ul class="hint">{lines}</ul>'),
-            self.figure: update_html(figures_html(files, address)),
+            self.figure: update_html(figures_html(files, to_url)),
         }
 
     def player_value(self, run_view: RunView, wanted: Mapping[str, Any]) -> dict[str, Any]:
@@ -205,7 +213,7 @@ class FigureRunner(TabRunner):
     def stopped_updates(self, status: str, message: str) -> Updates:
         return {
             self.status: status,
-            self.player: self.preview,
+            self.player: self.preview_player_value,
             self.message: update_html(message),
             self.figure: update_html(""),
         }
@@ -215,7 +223,7 @@ def _file(label: str, file_types: list[str]) -> gr.File:
     return gr.File(label=label, file_types=file_types, type="filepath")
 
 
-class RotationNoiseRunner(FigureRunner):
+class RotationNoiseRunner(ExperimentRunner):
     """Runner of the paper's argument on two bodies, without a network.
 
     The page adds the noise, so that its slider acts at once; a run measures and draws the error
@@ -225,7 +233,7 @@ class RotationNoiseRunner(FigureRunner):
     tab, button_label = "mechanism", "Measure the error along the arm"
     title = "Why global rotations? Equal noise on local and on global rotations"
     introduction = (
-        "Two bodies make the same motion, with random rotations of the same size added to every "
+        "Two bodies perform the same motion with equally large random rotations added to every "
         "joint: on one body relative to the parent joint, on the other in world coordinates. No "
         "network is involved. Move the slider and watch the fingertips."
     )
@@ -233,9 +241,9 @@ class RotationNoiseRunner(FigureRunner):
 
     def __init__(self, services: Services) -> None:
         super().__init__(services)
-        if services.example_value is not None:
-            self.preview = _without_slider(services.example_value)
-            self.player.value = self.preview
+        if services.example_player_value is not None:
+            self.preview_player_value = _without_slider(services.example_player_value)
+            self.player.value = self.preview_player_value
         set_noise = f"rad => document.querySelector('#{self.tab}-player .lockstep').setNoise(rad)"
         self.fields["noise_rad"].input(
             None, self.fields["noise_rad"], js=set_noise, api_visibility="private"
@@ -263,16 +271,16 @@ class RotationNoiseRunner(FigureRunner):
     def player_value(self, run_view: RunView, wanted: Mapping[str, Any]) -> dict[str, Any]:
         value = run_view.player_value()
         clean = next((row for row in value["rows"] if row["name"] == WITHOUT_NOISE), {})
-        if "available" not in clean:
+        if "frames_available" not in clean:
             return EMPTY_PLAYER_VALUE
-        return _without_slider(rotation_noise_value(value, clean, wanted["noise_rad"]))
+        return _without_slider(rotation_noise_player_value(value, clean, wanted["noise_rad"]))
 
 
 def _without_slider(value: dict[str, Any]) -> dict[str, Any]:
     return {**value, "noise": {**value["noise"], "has_slider": False}}
 
 
-class SpeechEffectRunner(FigureRunner):
+class SpeechEffectRunner(ExperimentRunner):
     """Runner that measures the effect of speech and of the noise seed on motion."""
 
     tab, button_label, title = "hearing", "Compare", "Does the motion follow the speech?"
@@ -298,7 +306,7 @@ class SpeechEffectRunner(FigureRunner):
         calm, lively = DEFAULT_SPEAKER_PAIR
         speakers = gr.Checkbox(
             label=f"Also compare the speakers {calm} and {lively}",
-            info="A calm and a lively speaker, for the first speech and the same seeds.",
+            info="Motion in a calm and a lively style for the first recording and the same seeds.",
             elem_id="hearing-speakers",
         )
         return {"systems": systems, **speeches, "guidance": strength, "speakers": speakers}
@@ -316,17 +324,14 @@ class SpeechEffectRunner(FigureRunner):
                 "examples."
             )
         speakers = DEFAULT_SPEAKER_PAIR if fields["speakers"] else None
-        return {**fields, "speeches": (*uploads, *spare[:missing]), "speakers": speakers}
+        return {**fields, "inputs": (*uploads, *spare[:missing]), "speakers": speakers}
 
 
-class StepCurveRunner(FigureRunner):
+class StepSweepRunner(ExperimentRunner):
     """Runner that measures quality and speed for several numbers of sampling steps."""
 
-    tab, button_label, title = (
-        "steps",
-        "Measure",
-        "Sampling steps: quality and speed on this machine",
-    )
+    tab, button_label = "steps", "Measure"
+    title = "Sampling steps: quality and speed on this server"
     introduction = (
         "Generates motion for the same speech with 1, 2, 4, 8 and 25 steps, and shows fingertip "
         "jerk, distance from the 25-step result, and time per frame on this server."
@@ -334,7 +339,7 @@ class StepCurveRunner(FigureRunner):
     request_type, task = StepSweepRequest, MEASURE_STEPS
 
     def make_fields(self, catalogue: Catalogue) -> Fields:
-        label = "Speech (optional; ten seconds are used)"
+        label = "Speech (optional; the first 10 s are used)"
         systems = self.systems_field(catalogue, "sampling_steps")
         return {"systems": systems, "speech": _file(label, ["audio"])}
 

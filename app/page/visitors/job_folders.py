@@ -57,12 +57,12 @@ def _is_held(lock: Path) -> bool:
     return False
 
 
-def uploads_of(values: Iterable[Any], cache: Path) -> list[Path]:
+def upload_folders_of(values: Iterable[Any], cache: Path) -> list[Path]:
     """Return Gradio's folders of the uploads among a form's values."""
     folders: list[Path] = []
     for value in values:
         if isinstance(value, list):
-            folders += uploads_of(value, cache)
+            folders += upload_folders_of(value, cache)
         elif isinstance(value, str) and value.startswith(f"{cache}{os.sep}"):
             folders += [cache / part for part in Path(value).relative_to(cache).parts[:1]]
     return folders
@@ -131,7 +131,8 @@ def _last_touched(path: Path) -> float:
 class Job:
     """Run of one visitor."""
 
-    visitor: str
+    page_session: str
+    """Open page that started the run (`page_session_of`); empty for a public one."""
     tab: str
     """Part of the page that starts and cancels the run."""
     folder: Path
@@ -163,7 +164,7 @@ class Jobs:
     @contextmanager
     def open_job(
         self,
-        visitor: str,
+        page_session: str,
         tab: str,
         cookie: str = "",
         values: Sequence[Any] = (),
@@ -181,9 +182,9 @@ class Jobs:
         """
         self.quota.measure_runs(owner)
         self.quota.require_space(owner)
-        uploads = uploads_of(values, self._root.with_name("gradio"))
+        uploads = upload_folders_of(values, self._root.with_name("gradio"))
         folder = self._root / secrets.token_hex(16)
-        job = Job(visitor, tab, folder, cookie, survives_disconnect, uploads)
+        job = Job(page_session, tab, folder, cookie, survives_disconnect, uploads)
         job.folder.mkdir(parents=True, mode=0o700)
         touch(job.extra_paths)
         with self._lock:
@@ -197,24 +198,30 @@ class Jobs:
             touch([job.folder, *job.extra_paths])
             self.quota.measure_runs(owner, job.folder)
 
-    def cancel(self, visitor: str = "", tab: str = "") -> None:
-        """Cancel the runs that a visitor started in a tab; without arguments, all runs."""
+    def cancel(self, page_session: str, tab: str) -> None:
+        """Cancel the runs that an open page started in a tab."""
         with self._lock:
             for job in self._jobs:
-                if not visitor or (job.visitor, job.tab) == (visitor, tab):
+                if (job.page_session, job.tab) == (page_session, tab):
                     job.cancel()
 
-    def cancel_closed_page(self, visitor: str, cookie: str) -> None:
+    def cancel_all(self) -> None:
+        """Cancel all runs."""
+        with self._lock:
+            for job in self._jobs:
+                job.cancel()
+
+    def cancel_closed_page(self, page_session: str, cookie: str) -> None:
         """Cancel all runs of a page that its own browser has closed."""
         with self._lock:
             for job in self._jobs:
-                if job.visitor == visitor and job.cookie in ("", cookie):
+                if job.page_session == page_session and job.cookie in ("", cookie):
                     job.cancel()
 
-    def survives_disconnect(self, visitor: str) -> bool:
+    def survives_disconnect(self, page_session: str) -> bool:
         """Check whether a page has a run that continues without it."""
         with self._lock:
-            own = [job for job in self._jobs if job.visitor == visitor]
+            own = [job for job in self._jobs if job.page_session == page_session]
             return any(job.survives_disconnect and not job.is_cancelled() for job in own)
 
     def in_use(self) -> list[Path]:

@@ -37,9 +37,7 @@ class Quota:
         """Configure the limit.
 
         Args:
-            max_bytes: maximum disk space of one owner.
             keep_s: lifetime of files, for the error message.
-            proxies: addresses and networks of trusted proxies.
         """
         self.max_bytes = max_bytes
         self._minutes = keep_s / 60
@@ -51,9 +49,9 @@ class Quota:
     def owner_of(self, request: gr.Request | HTTPConnection) -> str:
         """Return the address of a request; if that is a trusted proxy's, the browser's cookie."""
         # Imports Gradio, which must not happen before the page has set its environment.
-        from app.page.visitors.visitors import address_of, cookie_of
+        from app.page.visitors.visitors import client_network_of, cookie_of
 
-        address = address_of(request)
+        address = client_network_of(request)
         with suppress(ValueError):
             host = ipaddress.ip_address(address)
             if any(host in proxy for proxy in self._proxies):
@@ -61,11 +59,7 @@ class Quota:
         return address
 
     def require_space(self, owner: str, num_bytes: int = 0) -> None:
-        """Check that an owner may use more disk space.
-
-        Raises:
-            RunError: if the total would exceed the limit.
-        """
+        """Check that an owner may use more disk space; raises RunError beyond the limit."""
         with self._lock:
             used = sum(self._bytes.get(owner, {}).values()) + num_bytes
         if used > self.max_bytes:

@@ -18,7 +18,7 @@ from gradio.queueing import Event, EventQueue
 from gradio.utils import LRUCache
 
 from app.page.visitors.job_folders import Jobs
-from app.page.visitors.visitors import CHECKS, RUNS, address_of
+from app.page.visitors.visitors import CHECKS, RUNS, client_network_of
 
 MAX_OF_ADDRESS, MAX_CHECKS_OF_ADDRESS = 4, 16
 MAX_UNATTENDED_S = 10.0
@@ -60,7 +60,6 @@ class LimitedQueue(queueing.Queue):
 
         Args:
             max_waiting: maximum number of waiting events, without checks of uploads.
-            options: options of Gradio's queue.
         """
         super().__init__(max_size=None, **options)
         self.max_queue_size = max_waiting
@@ -82,7 +81,11 @@ class LimitedQueue(queueing.Queue):
             if kind != CHECKS and len(waiting) >= self.max_queue_size:
                 return False, FULL.format(count=len(waiting)), "queue_full"
             limit = MAX_CHECKS_OF_ADDRESS if kind == CHECKS else MAX_OF_ADDRESS
-            own = [event for event in self._waiting(kind) if _is_from(event, address_of(request))]
+            own = [
+                event
+                for event in self._waiting(kind)
+                if _is_from(event, client_network_of(request))
+            ]
             if len(own) >= limit:
                 return False, FULL_OF_ADDRESS.format(count=limit), "error"
         held, messages = self.pending_event_ids_session, self.pending_messages_per_session
@@ -105,7 +108,7 @@ class LimitedQueue(queueing.Queue):
                 self._end_abandoned(queue.concurrency_id)
                 continue
             if queue.concurrency_id == CHECKS:
-                self._checked = address_of(event.request)
+                self._checked = client_network_of(event.request)
             queue.queue.remove(event)
             return [event], False, queue.concurrency_id
         return None
@@ -187,4 +190,4 @@ class LimitedQueue(queueing.Queue):
 
 
 def _is_from(event: Event, address: str) -> bool:
-    return address_of(event.request) == address
+    return client_network_of(event.request) == address

@@ -28,7 +28,7 @@ _CHECK_BYTES = 1 << 24
 _PARTS_AT_ONCE, _PIECE_BYTES = 16, 2048
 TOO_MANY_AT_ONCE = "At most {limit} files can be uploaded at once; upload the others afterwards."
 TOO_MUCH_AT_ONCE = "At most {limit:.0f} GB can be uploaded at once; upload the others afterwards."
-FIELD_TOO_LONG = "A form field of this upload is larger than {limit} bytes, which is the limit."
+FIELD_TOO_LONG = "A form field of this upload is larger than the limit of {limit} bytes."
 
 
 class LimitedUploadParser(route_utils.GradioMultiPartParser):

@@ -28,13 +28,13 @@ VISITOR_ROUTE = "/visitor"
 _COOKIE_BYTES = 32
 
 
-def visitor_of(request: gr.Request) -> str:
+def page_session_of(request: gr.Request) -> str:
     """Return Gradio's session hash of an open page; a random name for a caller without one."""
     return request.session_hash or secrets.token_hex(8)
 
 
-def address_of(request: gr.Request | HTTPConnection) -> str:
-    """Return the client's address as `network_of` does; empty for internal callers."""
+def client_network_of(request: gr.Request | HTTPConnection) -> str:
+    """Return the client's address or IPv6 network (`network_of`); empty for internal callers."""
     client = getattr(request, "client", None)
     return network_of(client.host if client else "")
 
@@ -112,13 +112,13 @@ class TokenStore(Generic[Thing]):
         self._entries: dict[str, tuple[Path, str | None, Thing]] = {}
         self._lock = threading.Lock()
 
-    def keep(self, thing: Thing, files: Path, cookie: str | None) -> str:
-        """Store an object while its files exist, and return its token of 256 random bits.
+    def keep(self, thing: Thing, lifetime_path: Path, owner_cookie: str | None) -> str:
+        """Store an object while a path exists, and return its token of 256 random bits.
 
         The same object gets the same token. A cookie of None allows every browser, an empty one
         none.
         """
-        entry = files, cookie, thing
+        entry = lifetime_path, owner_cookie, thing
         with self._lock:
             self._entries = {
                 each: other for each, other in self._entries.items() if other[0].exists()

@@ -17,7 +17,7 @@ export async function mountChips(element, props) {
     for (const [title, labels] of Object.entries(groups)) {
       const [first] = chipsOf(labels);
       if (!first || first.previousElementSibling?.matches("button")) continue;
-      first.before(make("button", { type: "button", title: "Tick all of them, or none", onclick: () => tick(labels) }, title));
+      first.before(make("button", { type: "button", title: "Select all or none of these systems", onclick: () => tick(labels) }, title));
     }
   };
   arrange();

@@ -24,7 +24,7 @@ function goTo(button) {
   if (!player) return;
   player.dispatchEvent(new Event("watch"));
   const { name, part, at } = button.dataset;
-  player.showFinding({ name, part, at: at ? Number(at) : null });
+  player.showFinding({ motion_name: name, part, worst_time_s: at ? Number(at) : null });
   player.scrollIntoView({ block: "nearest", behavior: "smooth" });
 }
 

@@ -28,7 +28,7 @@ export interface PlayerValue {
 export interface Timeline {
   duration_s: number;
   fps: number;
-  /** Waveform, 0 to 100. */
+  /** Magnitude of the waveform by bar, 0 to 100. */
   peaks: number[];
   onsets_s: number[];
   /** Time (s) and strength of the accents found by the speech encoder. */
@@ -66,11 +66,14 @@ export interface GesturePlan {
   left: HandPhase[];
   right: HandPhase[];
   nods: Nod[];
+  /** Gaze events. */
   looks: Gaze[];
   brows: Brow[];
   smiles: Smile[];
   blinks: Blink[];
+  /** Intervals by the leg that bears the weight. */
   stands: Stance[];
+  /** Intervals of foot contact. */
   planted: FootContact[];
 }
 
@@ -83,14 +86,14 @@ export interface PlayerRow {
   stem: string;
   is_reference: boolean;
   /** Key that motions of the same noise share; null if the noise is not known. */
-  noise: string | null;
+  noise_key: string | null;
   /** Run of the motion in a comparison of two. */
-  run?: string;
+  compared_run?: string;
   /** URL of the whole motion (.npz). */
   motion?: string;
   /** URL of the frames so far, as binary messages. */
   frames?: string;
-  available?: FramesAvailable;
+  frames_available?: FramesAvailable;
   video?: string;
   /** True if the row will have a video. */
   will_have_video?: boolean;
@@ -103,21 +106,21 @@ export interface PlayerRow {
   /** Original row of a take. */
   original_row?: string;
   /** Rotations to which the viewer adds noise. */
-  space?: "local" | "global";
-  assumed?: FileReading;
+  noise_space?: "local" | "global";
+  interpretation?: FileReading;
 }
 
 /** Audio track of a comparison of two runs. */
 export interface AudioTrack {
   label: string;
-  audio: string;
-  timeline: string;
+  audio_url: string;
+  timeline_url: string;
 }
 
 /** Noise that the viewer adds to rotations. */
 export interface ViewerNoise {
-  /** Standard deviation about each axis at first (rad). */
-  rad: number;
+  /** Standard deviation about each axis until the slider is moved (rad). */
+  initial_rad: number;
   range: [number, number];
   has_slider: boolean;
 }
@@ -131,17 +134,18 @@ export interface PlanEditorState {
   /** Message on the last edit. */
   message: string;
   is_refused: boolean;
-  /** ``working`` while a take is generated. */
-  state: string;
+  /** True while a take is generated. */
+  is_working: boolean;
   suggestions: EditSuggestionJson[];
 }
 
 /** Finding of a motion. */
 export interface PlayerFinding {
-  name: string;
+  /** Name of the motion; empty for a statement on the motions without findings. */
+  motion_name: string;
   sentence: string;
   /** Time (s) at which it is worst. */
-  at: number | null;
+  worst_time_s: number | null;
   /** Body part that shows it; empty for the whole body. */
   part: "" | "feet" | "hands" | "face";
 }
@@ -155,11 +159,13 @@ export interface Curve {
 
 /** Second with the highest jerk, or with a joint that snaps. */
 export interface WorstSecond {
+  /** Name of the motion. */
   name: string;
   start_s: number;
   end_s: number;
   jerk_m_s3?: number;
   joint?: string;
+  /** Angle by which the joint jumps. */
   snap_deg?: number;
   /** True if the snap is the most severe finding of its motion. */
   is_gravest?: boolean;
@@ -177,7 +183,7 @@ export interface EditableGesture {
   /** Duration of the holds after the stroke. */
   hold: number;
   kind: string;
-  /** Stroke end of the other hand's gesture, if both are one. */
+  /** Stroke end of the other hand's part if the gesture is of both hands. */
   partner: number | null;
 }
 
@@ -188,7 +194,7 @@ export interface HandPhase {
   phase: "rest" | "preparation" | "stroke" | "hold" | "beat" | "retraction";
   /** Position of the wrist at the end (out, up, forward) in metres; a hold may drift a little. */
   goal: [number, number, number];
-  /** Name of the gesture form, one of `model.plan.kinds.USUAL_STROKE_ENDS`; empty at rest. */
+  /** Name of the gesture form, one of `model.plan.kinds.USUAL_STROKE_GOALS`; empty at rest. */
   kind: string;
   /** Word during which a stroke ends; no lexical affiliate. */
   word: string;
@@ -248,7 +254,8 @@ export interface FootContact {
 export interface FramesAvailable {
   num_ready: number;
   num_frames: number;
-  bytes: number;
+  /** Size so far (bytes) of the row's ``frames`` file. */
+  num_bytes: number;
   /** Rotation about the vertical (rad), then translation (m). */
   root_transform: [number, number, number, number];
 }
@@ -256,8 +263,8 @@ export interface FramesAvailable {
 /** Interpretation of an imported file. */
 export interface FileReading {
   /** Pattern of its name, such as "*.npz". */
-  kind: string;
-  read: AssumptionRecord[];
+  file_pattern: string;
+  assumptions: AssumptionRecord[];
 }
 
 export interface EditableRow {

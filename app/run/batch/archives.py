@@ -28,7 +28,7 @@ from app.run.batch.pairing import is_hidden
 from app.run.output.result_folder import require_free_space
 from app.run.upload_check import ARCHIVE_SUFFIXES
 from conventions.names import printable, safe_file_stem
-from model.storage.files import LongDirectoryError, open_limited_zip, write_error
+from model.storage.files import ZipDirectoryTooLargeError, open_limited_zip, write_error
 from model.storage.npz import MAX_FILE_BYTES
 
 TARS = ARCHIVE_SUFFIXES[1:]
@@ -48,8 +48,8 @@ _DAMAGED = (
 
 
 @dataclass
-class UnpackLimits:
-    """Limits of extraction, reduced by what has been extracted."""
+class UnpackBudget:
+    """Budget of one or several extractions, reduced by what has been extracted."""
 
     max_files: int = 10_000
     """Maximum number of files, ignored ones included."""
@@ -60,21 +60,22 @@ class UnpackLimits:
 
 
 def unpack_archives(
-    sets: Sequence[tuple[Path, tuple[str, ...]]],
+    inputs: Sequence[tuple[Path, tuple[str, ...]]],
     target: Path,
-    shared_limits: UnpackLimits | None = None,
+    shared_limits: UnpackBudget | None = None,
 ) -> dict[Path, Path]:
-    """Extract the archives among some sets into ``target``, and return their folders by archive.
+    """Extract the archives among some inputs into ``target``, and return their folders by archive.
 
     Args:
-        sets: archives and folders, each with the suffixes of the required files.
+        inputs: archives, and other files and folders, which are skipped, each with the suffixes of
+            the required files.
         shared_limits: limits of all archives; by default each has its own.
 
     Raises:
         RunError: as `unpack_archive`.
     """
     folders: dict[Path, Path] = {}
-    for path, endings in sets:
+    for path, endings in inputs:
         if is_archive(path) and path not in folders:
             folder = target / str(len(folders)) / safe_file_stem(archive_stem(path))
             folder.mkdir(parents=True)
@@ -101,7 +102,7 @@ def unpack_archive(
     archive: Path,
     folder: Path,
     endings: Sequence[str],
-    limits: UnpackLimits | None = None,
+    limits: UnpackBudget | None = None,
     is_selected: Callable[[str], bool] | None = None,
 ) -> int:
     """Extract the files with some suffixes from an untrusted archive into an empty folder.
@@ -121,7 +122,7 @@ def unpack_archive(
             required file, or more than the limits. Files extracted before that was detected may
             remain.
     """
-    count = _Archive(archive, endings, limits or UnpackLimits(), is_selected).unpack(folder)
+    count = _Archive(archive, endings, limits or UnpackBudget(), is_selected).unpack(folder)
     if not count and is_selected is None:
         raise RunError(
             f"{printable(archive.name)} contains no supported files ({', '.join(endings)})."
@@ -146,7 +147,7 @@ class _Archive:
         self,
         path: Path,
         endings: Sequence[str],
-        limits: UnpackLimits,
+        limits: UnpackBudget,
         is_selected: Callable[[str], bool] | None = None,
         depth: int = 0,
     ) -> None:
@@ -225,9 +226,9 @@ class _Archive:
                     )
                     for entry in opened.infolist()
                 ]
-        except LongDirectoryError:
+        except ZipDirectoryTooLargeError:
             raise RunError(
-                f"{self._name} contains more than {most} files, which is the limit; split it."
+                f"{self._name} contains too many files; the limit is {most}. Split the archive."
             ) from None
 
     @contextmanager
@@ -268,14 +269,15 @@ class _Archive:
                 )
             if entry.size > left.max_file_bytes and not is_nested:
                 raise RunError(
-                    f"{name} contains {str(path)!r} of {_mib(entry.size)}; the limit for a file is "
-                    f"{_mib(left.max_file_bytes)}."
+                    f"The file {str(path)!r} in {name} has {_mib(entry.size)}; the limit for a "
+                    f"file is {_mib(left.max_file_bytes)}."
                 )
             wanted[path] = entry
         total = sum(entry.size for entry in wanted.values())
         if total > left.max_total_bytes:
             raise RunError(
-                f"{name} would extract to {_mib(total)}; the limit is {_mib(left.max_total_bytes)}."
+                f"The files in {name} have {_mib(total)} in total; the limit is "
+                f"{_mib(left.max_total_bytes)}. Split the archive."
             )
         left.max_files -= len(entries)
         left.max_total_bytes -= total
@@ -306,7 +308,7 @@ class _Archive:
 class _CappedStream:
     """Stream that cannot be read beyond the limits of a tar, nor in large pieces."""
 
-    def __init__(self, file: IO[bytes], name: str, limits: UnpackLimits) -> None:
+    def __init__(self, file: IO[bytes], name: str, limits: UnpackBudget) -> None:
         self._file, self._name = file, name
         self._most = limits.max_total_bytes + limits.max_files * _BYTES_AN_ENTRY
 
@@ -326,7 +328,8 @@ class _CappedStream:
     def _check(self, place: int) -> None:
         if place > self._most + tarfile.RECORDSIZE:
             raise RunError(
-                f"{self._name} would extract to over {_mib(self._most)}, which is the limit."
+                f"The files in {self._name} exceed the limit of {_mib(self._most)} in total. "
+                "Split the archive."
             )
 
 

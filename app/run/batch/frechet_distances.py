@@ -25,9 +25,9 @@ from model.evaluation.frechet import FeatureMoments, frechet_from_moments, motio
 from model.evaluation.tables import bootstrap_indices
 from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion
-from model.networks.autoencoder import load_encoder
+from model.networks.autoencoder import load_motion_encoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, load_card
-from model.storage.files import FileVersions, file_sha256, file_versions, written_atomically
+from model.storage.files import FileStamps, file_sha256, file_stamps, written_atomically
 from model.systems.helpers import emage, genea
 from model.systems.helpers.config import FGD_ENCODER
 
@@ -49,24 +49,20 @@ class FeatureEncoder:
     encode: Callable[[Motion, RestSkeleton], Any]
     frames_per_code: int
     sha256: str
-    offset: float = 0.0
+    covariance_offset: float = 0.0
     """Offset argument of `frechet_from_moments`."""
 
 
 def feature_encoders(metrics: MetricOptions) -> tuple[FeatureEncoder, ...]:
-    """Return our encoder, and those of EMAGE and GENEA if there are any, loaded once per process.
-
-    Raises:
-        CheckpointError: for other files, and for two of GENEA's for the same length.
-    """
+    """Return our, EMAGE's and GENEA's encoders, loaded once; raises CheckpointError."""
     files = BUNDLED_WEIGHTS.glob(f"{FGD_ENCODER}.*")
     named = filter(None, (metrics.emage_weights, *metrics.genea_weights))
-    return _load_encoders(metrics, file_versions((*files, *named)))
+    return _load_encoders(metrics, file_stamps((*files, *named)))
 
 
 @cache
-def _load_encoders(metrics: MetricOptions, versions: FileVersions) -> tuple[FeatureEncoder, ...]:
-    ours = load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
+def _load_encoders(metrics: MetricOptions, stamps: FileStamps) -> tuple[FeatureEncoder, ...]:
+    ours = load_motion_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
     frames, sha256 = max(ours.network.config.scales), load_card(BUNDLED_WEIGHTS, FGD_ENCODER).sha256
     judges = [
         FeatureEncoder(FGD, "fgd/workbench", lambda m, _: motion_features(ours, m), frames, sha256)
@@ -104,8 +100,8 @@ def encoder_digests(metrics: MetricOptions) -> dict[str, str]:
     }
 
 
-def check_encoder_files(metrics: MetricOptions, reference: Path | None) -> None:
-    """Check before measuring that files of encoders are right and can be used.
+def check_fgd_options(metrics: MetricOptions, reference: Path | None) -> None:
+    """Check before measuring that FGD has a recorded set and readable encoder files.
 
     Raises:
         RunError: without a recorded set.
@@ -121,22 +117,18 @@ def check_encoder_files(metrics: MetricOptions, reference: Path | None) -> None:
     feature_encoders(metrics)
 
 
-def features_path(record: Path) -> Path:
+def features_path(record_path: Path) -> Path:
     """Return the path of a clip's features, next to its record."""
-    return record.with_suffix(".codes.npz")
+    return record_path.with_suffix(".codes.npz")
 
 
 def save_features(
-    record: Path,
+    record_path: Path,
     motions: Mapping[str, Sequence[Motion]],
     metrics: MetricOptions,
     variations: Sequence[str] = (),
 ) -> None:
-    """Write the features of all samples of one clip, by system, atomically next to its record.
-
-    Args:
-        variations: names of `VARIATIONS` under which features are also written.
-    """
+    """Write the features of one clip, also under each of `PROTOCOL_VARIATIONS`, atomically."""
     codes: dict[str, Any] = {
         _key(number, name, variation): np.concatenate(
             [judge.encode(*apply_variation(motion, variation)) for motion in samples]
@@ -145,7 +137,7 @@ def save_features(
         for variation in (PLAIN, *variations)
         for name, samples in motions.items()
     }
-    with written_atomically(features_path(record)) as part:
+    with written_atomically(features_path(record_path)) as part:
         np.savez(part, **{key: each.astype(np.float32) for key, each in codes.items()})
 
 
@@ -172,7 +164,7 @@ def distance_values(
             for name in (name for name in systems if name != REFERENCE_NAME):
                 codes = np.concatenate(list(_codes_of(number, records, name, variation)))
                 moments = FeatureMoments.of(recorded), FeatureMoments.of(codes)
-                distance = frechet_from_moments(*moments, judge.offset)
+                distance = frechet_from_moments(*moments, judge.covariance_offset)
                 values[name, judge.protocol, "fgd", variation] = distance
     return values
 
@@ -194,16 +186,17 @@ def distance_rows(
         count, least = sum(length for length, _ in shapes), min_num_codes(shapes[0][1])
         if count < least:
             counts = {"codes": count, "frames": judge.frames_per_code, "least": least}
-            notes.append(LEFT_OUT.format(encoder=TITLES[judge.metric].rsplit(", ", 1)[1], **counts))
+            encoder = TITLES[judge.metric].rpartition(" (")[2].rstrip(")")
+            notes.append(LEFT_OUT.format(encoder=encoder, **counts))
             continue
         measured = [record for record, (length, _) in zip(records, shapes, strict=True) if length]
         rows += _rows(judge, systems, len(measured), partial(_codes_of, number, measured))
     return rows, notes
 
 
-def min_num_codes(numbers: int) -> int:
-    """Return the number of features of a dimension that a covariance of full rank needs."""
-    return numbers + 1
+def min_num_codes(num_dims: int) -> int:
+    """Return how many codes of ``num_dims`` dimensions a covariance of full rank needs."""
+    return num_dims + 1
 
 
 def _codes_of(
@@ -224,7 +217,7 @@ def _rows(
     recorded = _drawn(clips(REFERENCE_NAME), num_clips)
     values = {
         name: np.array([
-            frechet_from_moments(real, other, encoder.offset)
+            frechet_from_moments(real, other, encoder.covariance_offset)
             for real, other in zip(recorded, _drawn(clips(name), num_clips), strict=True)
         ])
         for name in systems

@@ -27,24 +27,20 @@ from app.findings.metric_table import (
     POWER_ABOVE_5_HZ,
     TITLES,
     drop_unpaired,
-    format_value,
+    format_three_digits,
     metric_definition,
 )
 from app.run.output.run_folder import BATCH, FORMER_BATCH
 from conventions.names import REFERENCE_NAME, printable
-from model.storage.files import read_capped, write_atomically
-from model.storage.json_validation import FieldError, read_json
+from model.storage.files import read_within_limit, write_atomically
+from model.storage.json_validation import InvalidJsonError, read_json
 
 FORMAT = 2
 MAX_BYTES = 32 * 2**20
 MAX_NAME = 100
 MAX_NOTE = 400
 _CONFIG = ConfigDict(
-    strict=True,
-    extra="forbid",
-    allow_inf_nan=False,
-    str_max_length=MAX_NOTE,
-    validate_by_name=True,
+    strict=True, extra="forbid", allow_inf_nan=False, str_max_length=MAX_NOTE, validate_by_name=True
 )
 
 
@@ -57,7 +53,7 @@ class MetricValue:
     low: float
     high: float
     unit: str
-    clips: int
+    num_clips: Annotated[int, Field(alias="clips")]
     protocol: str = "workbench/1"
     """Id of the protocol; values of different protocols are in different columns."""
 
@@ -68,17 +64,17 @@ class LeaderboardEntry:
 
     __pydantic_config__ = _CONFIG
     system: Annotated[str, AfterValidator(lambda name: printable(name)[:MAX_NAME])]
-    test: str
+    test_id: Annotated[str, Field(alias="test")]
     """Short digest of clips, recorded motion and encoder."""
-    files: str
+    files_digest: Annotated[str, Field(alias="files")]
     """Digest of the motion files."""
-    clips: int
+    num_clips: Annotated[int, Field(alias="clips")]
     measured_at: Annotated[str, Field(alias="made_at")]
     """Time of the measurement in ISO 8601."""
-    project: str
+    program_version: Annotated[str, Field(alias="project")]
     """Version of this program that measured."""
     measures: dict[str, MetricValue]
-    findings: dict[str, int]
+    clips_with_finding: Annotated[dict[str, int], Field(alias="findings")]
     """Number of clips by kind of finding."""
     note: str = ""
 
@@ -89,12 +85,12 @@ class LeaderboardEntry:
     @property
     def key(self) -> tuple[str, str, str]:
         """Key that entries for the same files and test share."""
-        return self.test, self.system, self.files
+        return self.test_id, self.system, self.files_digest
 
     @property
-    def finding_counts(self) -> list[str]:
+    def finding_count_texts(self) -> list[str]:
         """Kinds of findings with their numbers of clips, the most frequent first."""
-        kinds = sorted(self.findings.items(), key=lambda item: -item[1])
+        kinds = sorted(self.clips_with_finding.items(), key=lambda item: -item[1])
         return [f"{format_finding_kinds([kind])} {count}" for kind, count in kinds]
 
 
@@ -105,26 +101,26 @@ class Leaderboard(BaseModel):
     entries: list[LeaderboardEntry]
 
 
-def read_entries(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[LeaderboardEntry]:
+def entries_from_results(
+    folder: Path, note: str = "", systems: Iterable[str] = ()
+) -> list[LeaderboardEntry]:
     """Make the entries of a folder of `diagnose` with whole sets.
 
     Args:
-        folder: output folder of `diagnose`.
         note: note on all entries, such as the training or the paper.
-        names: systems to include; by default all.
 
     Raises:
         RunError: with one sentence.
     """
     files = (folder / BATCH, folder / FORMER_BATCH)
     path = next(filter(Path.is_file, files), files[0])
-    content = read_capped(path, MAX_BYTES, RunError)
+    content = read_within_limit(path, MAX_BYTES, RunError)
     try:
         results = json.loads(content)
     except (ValueError, RecursionError) as error:
-        raise RunError(f"{path} is not JSON.") from error
+        raise RunError(f"{path} is not valid JSON; measure the set again with diagnose.") from error
     try:
-        return _entries(results, folder, note, set(names))
+        return _entries(results, folder, note, set(systems))
     except RunError:
         raise
     except (LookupError, TypeError, AttributeError, ValueError) as error:
@@ -150,7 +146,7 @@ def _entries(
             f"{folder.name} has no system {unknown[0]!r}; it has {', '.join(where['systems'])}."
         )
     if len(note) > MAX_NOTE:
-        raise RunError(f"A note may have {MAX_NOTE} characters; this one has {len(note)}.")
+        raise RunError(f"A note may have at most {MAX_NOTE} characters; this one has {len(note)}.")
     taken = wanted | {REFERENCE_NAME}
     entries = [_entry(results, where, name, note) for name in where["systems"] if name in taken]
     return Leaderboard.model_validate_json(
@@ -166,23 +162,23 @@ def _entry(
     ]
     return LeaderboardEntry(
         system=name,
-        test=_test_of(where),
-        files=where["systems"][name],
-        clips=len(results["clips"]),
+        test_id=_test_id_of(where),
+        files_digest=where["systems"][name],
+        num_clips=len(results["clips"]),
         measured_at=where["made_at"],
-        project=where["project"],
+        program_version=where["project"],
         measures={
             row["measure"]: MetricValue(
                 *(row[key] for key in ("mean", "low", "high", "unit", "clips", "protocol"))
             )
             for row in rows
         },
-        findings=results["clips_with_finding"].get(name, {}),
+        clips_with_finding=results["clips_with_finding"].get(name, {}),
         note="" if name == REFERENCE_NAME else note,
     )
 
 
-def _test_of(where: Mapping[str, Any]) -> str:
+def _test_id_of(where: Mapping[str, Any]) -> str:
     """Compute the digest of everything that must be equal for numbers to be comparable."""
     same = [where[name] for name in ("reference", "encoders", "mean_speeds", "measures")]
     return hashlib.sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()[:12]
@@ -203,7 +199,7 @@ def merge_entries(boards: Iterable[Iterable[LeaderboardEntry]]) -> list[Leaderbo
             newer, older = sorted((entry, existing), key=lambda one: one.measured_at, reverse=True)
             merged[entry.key] = replace(newer, note=newer.note or older.note)
     return sorted(
-        merged.values(), key=lambda one: (one.test, one.is_recorded, one.system, one.measured_at)
+        merged.values(), key=lambda one: (one.test_id, one.is_recorded, one.system, one.measured_at)
     )
 
 
@@ -217,7 +213,7 @@ def read_leaderboard(path: Path) -> list[LeaderboardEntry]:
     """Read a leaderboard; raises RunError if it is not valid."""
     try:
         return read_json(path, Leaderboard, MAX_BYTES).entries
-    except FieldError as error:
+    except InvalidJsonError as error:
         raise RunError(
             f"{path.name} cannot be read as a leaderboard of format {FORMAT}: {error}. Give a file "
             "written by `leaderboard add`."
@@ -234,11 +230,7 @@ _FIRST = {row.key for row in METRICS if row.is_primary or row.key == POWER_ABOVE
 
 
 def leaderboard_html(entries: Sequence[LeaderboardEntry]) -> str:
-    """Format the page with a table for each test, from the template in this folder.
-
-    Args:
-        entries: entries in the order of `merge_entries`.
-    """
+    """Format the page with a table for each test; entries as ordered by `merge_entries`."""
     folder = Path(__file__).parent
     env = jinja2.Environment(
         loader=jinja2.FileSystemLoader(folder),
@@ -248,13 +240,13 @@ def leaderboard_html(entries: Sequence[LeaderboardEntry]) -> str:
         lstrip_blocks=True,
     )
     style, script = ((folder / f"board.{kind}").read_text("utf-8") for kind in ("css", "js"))
-    tests = [list(of) for _, of in groupby(entries, lambda entry: entry.test)]
+    tests = [list(of) for _, of in groupby(entries, lambda entry: entry.test_id)]
     return env.get_template("board.html").render(
         style=style,
         script=script,
         tables=[_table(of) for of in tests],
         titles=TITLES,
-        written=format_value,
+        written=format_three_digits,
     )
 
 
@@ -294,9 +286,9 @@ def _table(entries: list[LeaderboardEntry]) -> dict[str, Any]:
         return None if aim is None else abs(value.mean - aim.mean)
 
     return {
-        "test": entries[0].test,
+        "test": entries[0].test_id,
         "entries": entries,
-        "clips": max(entry.clips for entry in entries),
+        "clips": max(entry.num_clips for entry in entries),
         "units": {
             key: next(each.measures[key].unit for each in entries if key in each.measures)
             for key in keys

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.findings.metric_table import METRICS, incomparable_parts, metric_values
-from app.run.batch.archives import UNPACKED, UnpackLimits, unpack_archives
+from app.findings.metric_table import METRICS, metric_values, parts_others_have
+from app.run.batch.archives import UNPACKED, UnpackBudget, unpack_archives
 from app.run.batch.frechet_distances import (
-    check_encoder_files,
+    check_fgd_options,
     distance_rows,
     distance_values,
     encoder_digests,
@@ -37,7 +37,7 @@ from app.run.batch.pairing import (
 )
 from app.run.batch.published_metrics import (
     PLAIN,
-    VARIATIONS,
+    PROTOCOL_VARIATIONS,
     PublishedMetrics,
     make_varied_clip,
     mean_sums,
@@ -46,7 +46,7 @@ from app.run.batch.published_metrics import (
     sums_path,
 )
 from app.run.batch.speech_batch import ENDINGS as SOUND_ENDINGS
-from app.run.batch.speech_batch import inputs_digest, run_jobs
+from app.run.batch.speech_batch import inputs_stamp, run_jobs
 from app.run.batch.table import average_samples, draw_distribution_figure, write_tables
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.diagnostics import cached_speech_onsets
@@ -56,7 +56,7 @@ from app.run.requests.convert import map_paths, replace_fields
 from app.run.requests.parts import MetricOptions
 from app.run.requests.requests import DiagnoseRequest
 from app.run.tasks import SetResults
-from conventions.names import REFERENCE_NAME, printable
+from conventions.names import REFERENCE_NAME, pluralise, printable
 from model.diagnostics import analyse_raw
 from model.faults.table import drop_findings_on_missing_parts, find_faults
 from model.formats.parameters import parameter_files
@@ -65,11 +65,11 @@ from model.formats.reading import MISSING_PART_TEXTS, MOTIONS, REFERENCE, Import
 from model.metrics.lag import speech_bands_by_frame
 from model.metrics.protocols.clip import Clip, ProtocolInputs, Sums
 from model.metrics.protocols.formulas import protocol_sums
-from model.metrics.protocols.table import PROTOCOLS, protocol_of, without_missing_parts
-from model.metrics.results import BeatSpeeds
+from model.metrics.protocols.table import PROTOCOLS, measurable_without, protocol_of
+from model.metrics.results import BeatSpeedSource
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
-from model.speech.audio import SpeechLimits, load_speech
+from model.speech.audio import SpeechReadOptions, load_speech
 from model.storage.files import file_sha256, write_atomically
 from model.storage.npz import MotionError
 from model.storage.revision import revision
@@ -87,14 +87,16 @@ MAX_BYTES, MAX_FILES = 10**9, 1500
 """Limits of all archives of a visitor's request, unpacked."""
 
 
-def measure_sets(request: DiagnoseRequest, callbacks: RunCallbacks = NO_CALLBACKS) -> SetResults:
-    """Measure archives of sets as `diagnose_folders`; they stay unpacked in the output folder.
+def measure_uploaded_sets(
+    request: DiagnoseRequest, callbacks: RunCallbacks = NO_CALLBACKS
+) -> SetResults:
+    """Measure a visitor's archives within limits; they stay unpacked in the output folder.
 
     Raises:
         Cancelled: if the caller has cancelled.
         RunError: also if the archives exceed the limits.
     """
-    limits = UnpackLimits(max_files=MAX_FILES, max_total_bytes=MAX_BYTES, min_free_bytes=10**9)
+    limits = UnpackBudget(max_files=MAX_FILES, max_total_bytes=MAX_BYTES, min_free_bytes=10**9)
     folders = unpack_archives(input_sets(request), request.output.out / UNPACKED, limits)
     result = diagnose_folders(
         with_unpacked_folders(request, folders), callbacks.progress_callback("numbers")
@@ -111,7 +113,6 @@ def diagnose_folders(
 
     Args:
         request: request with folders or archives as motions, reference and speech.
-        pool: workers; by default this process.
 
     Raises:
         RunError: if folders have no readable clip in common, one is not a folder, or an archive is
@@ -119,7 +120,7 @@ def diagnose_folders(
         CheckpointError: for weights that are not EMAGE's.
         JobsError: if the workers are lost.
     """
-    check_encoder_files(map_paths(request, Path.absolute).metrics, request.imports.reference)
+    check_fgd_options(map_paths(request, Path.absolute).metrics, request.imports.reference)
     with ResultFolder(request.output.out, is_incremental=True) as results:
         folders = unpack_archives(input_sets(request), results.scratch("sets"))
         return _diagnose_sets(
@@ -169,13 +170,13 @@ def _diagnose_sets(
     if not clips:
         raise no_common_clips_error(files)
     notes = [
-        f"{name}: {len(paths_of_set) - len(clips)} of {len(paths_of_set)} clips are missing in "
-        f"another set and were not measured: {shorten_list(set(paths_of_set) - set(clips))}."
+        f"{name}: {len(paths_of_set) - len(clips)} of {len(paths_of_set)} clips are missing "
+        f"from another set and were not measured: {shorten_list(set(paths_of_set) - set(clips))}."
         for name, paths_of_set in files.items()
         if len(paths_of_set) > len(clips)
     ]
     notes += [
-        f"{name} has {count} samples of each clip; their metrics are averaged first."
+        f"{name} has {count} samples of each clip; their metrics are averaged."
         for name, paths_of_set in files.items()
         if (count := _counts(len(paths_of_set[clip]) for clip in clips)) != "1"
     ]
@@ -210,7 +211,7 @@ def _diagnose_clips(
             },
             sound=sounds[clip].absolute() if clip in sounds else None,
             request=here,
-            record=clips_folder / f"{clip}.json",
+            record_path=clips_folder / f"{clip}.json",
             semantics=_semantics_of(here, clip),
         )
         for clip in clips
@@ -218,12 +219,14 @@ def _diagnose_clips(
     jobs = [Job(clip, each.is_measured, each.measure) for clip, each in measured.items()]
     num_reused, left_out = run_jobs(jobs, pool, lambda clip, share: on_progress(share))
     if num_reused:
-        notes.append(f"{num_reused} clips had already been measured; their results were reused.")
+        notes.append(
+            f"{pluralise(num_reused, 'clip')} had already been measured; the results were reused."
+        )
     if len(left_out) == len(jobs):
         raise RunError(next(iter(left_out.values())))
     left_out = dict(sorted(left_out.items()))
     notes += [f"Left out: {clip}: {sentence}" for clip, sentence in left_out.items()]
-    records = {clip: each.record for clip, each in measured.items() if clip not in left_out}
+    records = {clip: each.record_path for clip, each in measured.items() if clip not in left_out}
     numbers = {clip: json.loads(path.read_text()) for clip, path in records.items()}
     notes += [sentence for each in numbers.values() for sentence in each["unread"]]
     above = import_notes(files, list(numbers.values()))
@@ -243,9 +246,9 @@ def _diagnose_clips(
         above,
         left_out,
         origin=origin,
-        more=[*distances, *published.rows(systems)],
+        extra_rows=[*distances, *published.rows(systems)],
         speeds=speeds,
-        below=protocol_comparison_lines(systems, compared, here.metrics.expected),
+        lines_below=protocol_comparison_lines(systems, compared, here.metrics.expected),
     )
     drawn, spread_notes = draw_distribution_figure(
         request.output.out, systems, list(numbers.values()), speeds
@@ -254,8 +257,8 @@ def _diagnose_clips(
         request,
         files=(*written, *drawn),
         notes=(*notes, *unsaid, *spread_notes),
-        summary=results,
-        clips={
+        batch_json=results,
+        motion_files={
             name: {clip: first_sample_file(readings[clip]) for clip in numbers}
             for name, readings in files.items()
         },
@@ -265,10 +268,14 @@ def _diagnose_clips(
 
 def _variations(request: DiagnoseRequest) -> tuple[str, ...]:
     """Return the variations of rules that are measured: all, if values are expected."""
-    return tuple(name for name in VARIATIONS if name != PLAIN) if request.metrics.expected else ()
+    return (
+        tuple(name for name in PROTOCOL_VARIATIONS if name != PLAIN)
+        if request.metrics.expected
+        else ()
+    )
 
 
-def _speeds_of(request: DiagnoseRequest) -> BeatSpeeds:
+def _speeds_of(request: DiagnoseRequest) -> BeatSpeedSource:
     """Return the source of the mean speeds of BeatAlign."""
     if request.metrics.mean_speeds is not None:
         return "emage"
@@ -279,14 +286,14 @@ def _by_rule(
     published: PublishedMetrics,
     systems: list[str],
     numbers: Mapping[str, dict[str, Any]],
-    speeds: BeatSpeeds,
+    speeds: BeatSpeedSource,
 ) -> dict[tuple[str, str, str, str], float]:
     """Return the values of all protocols by system, id, name and variation."""
     values = {
         (system, protocol, key, variation): value
         for system in systems
         for protocol in PROTOCOLS
-        for variation in VARIATIONS
+        for variation in PROTOCOL_VARIATIONS
         for key, value in published.values(protocol, system, variation).items()
     }
     for system in systems:
@@ -330,7 +337,8 @@ def _named_folders(request: DiagnoseRequest) -> dict[str, Path]:
 def _speech_folder(request: DiagnoseRequest) -> Path | None:
     if request.metrics.mean_speeds is not None and request.speech.path is None:
         raise RunError(
-            "Mean joint speeds are only used together with speech; also give it (--speech FOLDER)."
+            "Mean joint speeds are used only for BeatAlign, which needs speech; also give it "
+            "(--speech FOLDER)."
         )
     if request.speech.path is not None and not request.speech.path.is_dir():
         raise RunError(
@@ -348,7 +356,7 @@ class _ClipJob:
     """Motion files by set, including the recorded one."""
     sound: Path | None
     request: DiagnoseRequest
-    record: Path
+    record_path: Path
     semantics: Path | None = None
     """Labels of semantic relevance."""
 
@@ -372,7 +380,7 @@ class _ClipJob:
             for name, path in files.items()
             for part, each in parameter_files(path).items()
         } | {name: path for name, path in beside.items() if path is not None}
-        return inputs_digest(
+        return inputs_stamp(
             files,
             [
                 *(FORMAT, METRICS_VERSION),
@@ -386,19 +394,15 @@ class _ClipJob:
     def is_measured(self) -> bool:
         """Check whether there is a complete record of these files."""
         try:
-            is_current = json.loads(self.record.read_text()).get("stamp") == self._stamp()
+            is_current = json.loads(self.record_path.read_text()).get("stamp") == self._stamp()
         except (OSError, ValueError, AttributeError):
             return False
         return is_current and all(
-            path(self.record).is_file() for path in (features_path, sums_path)
+            path(self.record_path).is_file() for path in (features_path, sums_path)
         )
 
     def measure(self) -> None:
-        """Measure all systems and the reference over their common frames, with means over samples.
-
-        Raises:
-            MotionError: if some system has no readable sample.
-        """
+        """Measure sets over common frames, means over samples; raises MotionError."""
         unread: list[str] = []
         readings = {name: self._readings(name, unread) for name in self.files}
         of_all = {
@@ -408,7 +412,7 @@ class _ClipJob:
         }
         shortest = min(each.motion.num_frames for each in of_all.values())
         shared = self._shared_inputs(shortest)
-        apart = incomparable_parts({which: each.missing_parts for which, each in of_all.items()})
+        apart = parts_others_have({which: each.missing_parts for which, each in of_all.items()})
         reference = None
         systems: dict[str, Any] = {}
         motions: dict[str, list[Motion]] = {}
@@ -420,29 +424,29 @@ class _ClipJob:
                 motions.setdefault(name, []).append(motion)
                 analysed = analyse_raw(motion, open_body_skeleton(), reference, **shared)
                 recorded = None if name == REFERENCE_NAME else clips.get(REFERENCE_NAME, [None])[0]
-                clip = shared["inputs"].make_clip(motion, analysed.tracks, recorded)
+                clip = shared["protocol_inputs"].make_clip(motion, analysed.tracks, recorded)
                 clips.setdefault(name, []).append(clip)
                 faults = drop_findings_on_missing_parts(
                     find_faults(analysed), reading.missing_parts
                 )
                 notes.append({
                     "numbers": metric_values(
-                        analysed.raw, reading.missing_parts, apart[f"{name} {sample}"]
+                        analysed.metrics, reading.missing_parts, apart[f"{name} {sample}"]
                     ),
                     "findings": [fault.kind for fault in faults],
                     "sha256": file_sha256(self.files[name][sample]),
                 })  # fmt: skip
                 if name == REFERENCE_NAME:
                     reference = analysed
-            assumed = [notable_assumptions(each) for each in readings[name].values()]
+            assumed = [assumptions_and_missing_parts(each) for each in readings[name].values()]
             systems[name] = {**average_samples(notes), "assumed": assumed}
-        self.record.parent.mkdir(parents=True, exist_ok=True)
+        self.record_path.parent.mkdir(parents=True, exist_ok=True)
         variations = _variations(self.request)
-        save_features(self.record, motions, self.request.metrics, variations)
-        save_sums(self.record, self._sums(readings, motions, clips, shared["inputs"]))
+        save_features(self.record_path, motions, self.request.metrics, variations)
+        save_sums(self.record_path, self._sums(readings, motions, clips, shared["protocol_inputs"]))
         notes = {"frames": shortest, "systems": systems, "unread": unread}
         write_atomically(
-            self.record, json.dumps({"stamp": self._stamp(), **notes}, allow_nan=False) + "\n"
+            self.record_path, json.dumps({"stamp": self._stamp(), **notes}, allow_nan=False) + "\n"
         )
 
     def _sums(
@@ -457,7 +461,7 @@ class _ClipJob:
         Args:
             motions: samples by system, the reference first; ``clips`` are theirs, unvaried.
         """
-        with_default_metrics = bool(self.request.metrics.expected)
+        with_metrics_measured_elsewhere = bool(self.request.metrics.expected)
         sums: dict[tuple[str, str], dict[str, Sums]] = {}
         for variation in (PLAIN, *_variations(self.request)):
             recorded: Clip | None = None
@@ -470,8 +474,8 @@ class _ClipJob:
                 if name == REFERENCE_NAME:
                     recorded = varied[0]
                 sums[name, variation] = mean_sums([
-                    without_missing_parts(
-                        protocol_sums(clip, with_default_metrics), reading.missing_parts
+                    measurable_without(
+                        protocol_sums(clip, with_metrics_measured_elsewhere), reading.missing_parts
                     )
                     for clip, reading in zip(varied, readings[name].values(), strict=True)
                 ])  # fmt: skip
@@ -481,20 +485,20 @@ class _ClipJob:
         """Return the arguments of `analyse_raw` that do not depend on the motion."""
         speech = None
         if self.sound is not None:
-            speech = load_speech(self.sound, SpeechLimits(channel=self.request.speech.channel))
+            speech = load_speech(self.sound, SpeechReadOptions(channel=self.request.speech.channel))
         metrics = replace(self.request.metrics, semantics=self.semantics)
         inputs = protocol_inputs(replace(self.request, metrics=metrics), speech, num_frames)
         if speech is None:
-            return {"inputs": inputs}
+            return {"protocol_inputs": inputs}
         bands = speech_bands_by_frame(speech.waveform)
-        return {"onsets_s": cached_speech_onsets(speech), "speech_bands": bands, "inputs": inputs}
+        return {
+            "onsets_s": cached_speech_onsets(speech),
+            "speech_bands": bands,
+            "protocol_inputs": inputs,
+        }
 
     def _readings(self, name: str, unread: list[str]) -> dict[str, ImportedMotion]:
-        """Read the samples of a set, and append the reasons of unreadable ones to ``unread``.
-
-        Raises:
-            MotionError: if none is readable.
-        """
+        """Read a set's samples; append errors to ``unread``; raises MotionError if all have one."""
         kind = REFERENCE if name == REFERENCE_NAME else MOTIONS
         readings: dict[str, ImportedMotion] = {}
         why: MotionError | None = None
@@ -514,12 +518,7 @@ class _ClipJob:
 def _origin_of(
     systems: list[str], numbers: Mapping[str, dict[str, Any]], metrics: MetricOptions
 ) -> dict[str, Any]:
-    """Return the ``provenance`` of ``batch.json``.
-
-    Args:
-        numbers: records by clip, with the ``sha256`` of each file.
-        metrics: files that protocols used.
-    """
+    """Return the ``provenance`` of ``batch.json``."""
     digests = {}
     for name in systems:
         parts = [[clip, each["systems"][name]["sha256"]] for clip, each in numbers.items()]
@@ -535,9 +534,9 @@ def _origin_of(
     }
 
 
-def notable_assumptions(reading: ImportedMotion) -> dict[str, Any]:
-    """Return the assumptions on a file that differ from our format, and what it lacks."""
-    assumptions = [each for each in reading.assumptions if not each.is_default]
+def assumptions_and_missing_parts(reading: ImportedMotion) -> dict[str, Any]:
+    """Return a file's assumptions that differ from our format (said) and missing parts (lacks)."""
+    assumptions = [each for each in reading.assumptions if not each.is_own_convention]
     return {
         "said": [[each.kind, each.value, each.reason] for each in assumptions],
         "lacks": sorted(reading.missing_parts),
@@ -573,7 +572,7 @@ def _lacking(files: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
     lacks = {
         name: {part for file in of_set for part in file["lacks"]} for name, of_set in files.items()
     }
-    apart = incomparable_parts(lacks)
+    apart = parts_others_have(lacks)
     for part, (what, _) in MISSING_PART_TEXTS.items():
         if part == "face":  # in the counts of assumptions
             continue

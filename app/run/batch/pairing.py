@@ -14,7 +14,7 @@ from pathlib import Path, PurePath, PurePosixPath
 
 from app.errors import RunError
 from conventions.names import safe_file_stem
-from model.formats.parameters import motion_files
+from model.formats.parameters import files_with_motion_names
 
 GENERATED, RECORDED = "res_", "gt_"
 """File name prefixes of results and of recordings, by EMAGE's code and its successors."""
@@ -82,11 +82,11 @@ def pair_files(
 def no_common_clips_error(files: Mapping[str, Mapping[str, SampleFiles]]) -> RunError:
     """Return the error for sets without a common clip, naming some clips of each."""
     some = "; ".join(
-        f"{name} has for example {', '.join(sorted(clips)[:3])}" if clips else f"{name} has none"
+        f"{name} has, for example, {', '.join(sorted(clips)[:3])}" if clips else f"{name} has none"
         for name, clips in files.items()
     )
     return RunError(
-        f"No clip is in all of {', '.join(files)}. Clips are paired by file name: {some}."
+        f"No clip is in all sets ({', '.join(files)}). Clips are paired by file name: {some}."
     )
 
 
@@ -104,13 +104,17 @@ def shorten_list(names: Iterable[str]) -> str:
 
 def _files(folder: Path, kind: str, endings: tuple[str, ...]) -> list[_PairedFile]:
     """Find the files of a set; of results and recordings side by side, those of one kind."""
-    files = [(path, name) for path, name in motion_files(folder) if has_suffix(endings, name)]
+    files = [
+        (path, name)
+        for path, name in files_with_motion_names(folder)
+        if is_visible_with_suffix(endings, name)
+    ]
     if any(name.name.startswith(kind) for _, name in files):
         files = [(path, name) for path, name in files if name.name.startswith(kind)]
     return [_read(path, name) for path, name in files]
 
 
-def has_suffix(endings: tuple[str, ...], path: PurePath) -> bool:
+def is_visible_with_suffix(endings: tuple[str, ...], path: PurePath) -> bool:
     """Check whether a file has one of these suffixes, and is not hidden."""
     return path.suffix.lower() in endings and not is_hidden(path)
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from app.findings.metric_table import format_value
+from app.findings.metric_table import format_three_digits
 from conventions.names import REFERENCE_NAME
 from model.evaluation.tables import bootstrap_indices, percentile_interval
 from model.metrics.protocols.clip import Clip, ProtocolInputs, Sums
@@ -46,7 +46,7 @@ def _at_15_fps(motion: Motion) -> Motion:
 
 
 @dataclass(frozen=True)
-class Variation:
+class ProtocolVariation:
     """Change of the rule of which the effect is measured."""
 
     transform: Callable[[Motion], Motion] = lambda motion: motion
@@ -54,14 +54,14 @@ class Variation:
     """Size of the skeleton."""
 
 
-VARIATIONS: Mapping[str, Variation] = {
-    PLAIN: Variation(),
-    "first 10 s of each clip": Variation(lambda motion: first_frames(motion, PIECE_FRAMES)),
-    "sampled at 15 frames per second": Variation(_at_15_fps),
-    "without translation": Variation(
+PROTOCOL_VARIATIONS: Mapping[str, ProtocolVariation] = {
+    PLAIN: ProtocolVariation(),
+    "first 10 s of each clip": ProtocolVariation(lambda motion: first_frames(motion, PIECE_FRAMES)),
+    "sampled at 15 frames per second": ProtocolVariation(_at_15_fps),
+    "without translation": ProtocolVariation(
         lambda motion: replace(motion, trans=np.zeros_like(motion.trans))
     ),
-    "skeleton 10 % larger": Variation(skeleton_scale=TALLER),
+    "skeleton 10 % larger": ProtocolVariation(skeleton_scale=TALLER),
 }
 
 
@@ -70,7 +70,7 @@ def _pairs_of(name: str) -> list[tuple[str, str]]:
     return [
         (record.id, value)
         for record in PROTOCOLS.values()
-        if name in record.names
+        if name in record.metric_names
         for value in record.value_units or ()
         if name == value or len(record.value_units or ()) == 1
     ]
@@ -78,29 +78,25 @@ def _pairs_of(name: str) -> list[tuple[str, str]]:
 
 def apply_variation(motion: Motion, name: str) -> tuple[Motion, RestSkeleton]:
     """Return the motion and the skeleton of a variation."""
-    bones, scale = open_body_skeleton(), VARIATIONS[name].skeleton_scale
+    bones, scale = open_body_skeleton(), PROTOCOL_VARIATIONS[name].skeleton_scale
     skeleton = RestSkeleton(bones.rest_joints * scale, bones.tip_offsets * scale)
-    return VARIATIONS[name].transform(motion), skeleton
+    return PROTOCOL_VARIATIONS[name].transform(motion), skeleton
 
 
 def make_varied_clip(
     motion: Motion, inputs: ProtocolInputs, variation: str, recorded: Clip | None = None
 ) -> Clip:
-    """Make the clip of a motion under a variation of the rule.
-
-    Args:
-        recorded: clip of the recorded motion under the same variation.
-    """
+    """Make the clip of a motion under a variation of the rule, as ``recorded`` is."""
     here, skeleton = apply_variation(motion, variation)
     return inputs.make_clip(here, track_points(here, skeleton), recorded)
 
 
-def sums_path(record: Path) -> Path:
+def sums_path(record_path: Path) -> Path:
     """Return the path of a clip's sums, next to its record."""
-    return record.with_suffix(".sums.npz")
+    return record_path.with_suffix(".sums.npz")
 
 
-def save_sums(record: Path, sums: Mapping[tuple[str, str], Mapping[str, Sums]]) -> None:
+def save_sums(record_path: Path, sums: Mapping[tuple[str, str], Mapping[str, Sums]]) -> None:
     """Write the sums of one clip by system and variation, atomically next to its record."""
     arrays: dict[str, Any] = {
         "|".join((variation, protocol, key, system)): value
@@ -108,7 +104,7 @@ def save_sums(record: Path, sums: Mapping[tuple[str, str], Mapping[str, Sums]]) 
         for protocol, each in by_protocol.items()
         for key, value in each.items()
     }
-    with written_atomically(sums_path(record)) as part:
+    with written_atomically(sums_path(record_path)) as part:
         np.savez(part, **arrays)
 
 
@@ -144,10 +140,10 @@ class PublishedMetrics:
                     sums[key] = sums.get(key, 0.0) + drawn
                     self.clips[where] = self.clips.get(where, 0) + (key == next(iter(sums)))
 
-    def bootstrap_values(
+    def value_and_draws(
         self, protocol: str, system: str, variation: str = PLAIN
     ) -> dict[str, np.ndarray]:
-        """Return the value of all clips and those of the draws, by name; NaN for an empty draw."""
+        """Return arrays by name: the value of all clips, then those of the draws, NaN if empty."""
         draws = [self._evaluate(protocol, system, variation, k) for k in range(len(self._draws))]
         return {key: np.array([each.get(key, np.nan) for each in draws]) for key in draws[0]}
 
@@ -164,9 +160,9 @@ class PublishedMetrics:
     def rows(self, systems: Sequence[str]) -> Iterator[tuple[Any, ...]]:
         """Yield table rows (`app.run.batch.table.HEADER`) of values and paired differences."""
         for protocol, record in PROTOCOLS.items():
-            if record.is_default_metric:
+            if record.is_measured_elsewhere:
                 continue
-            values = {name: self.bootstrap_values(protocol, name) for name in systems}
+            values = {name: self.value_and_draws(protocol, name) for name in systems}
             for key, unit in (record.value_units or {}).items():
                 values_of_metric = {name: each[key] for name, each in values.items() if key in each}
                 clips = {name: self.clips[PLAIN, protocol, name] for name in values_of_metric}
@@ -184,7 +180,6 @@ def interval_rows(
     """Yield table rows (`app.run.batch.table.HEADER`) of systems and of their differences.
 
     Args:
-        head: metric and unit.
         values: value of all clips, and those of the bootstrap draws, by system.
     """
     names = list(values)
@@ -203,9 +198,7 @@ def _interval(values: Float[np.ndarray, " draws"]) -> tuple[float, float, float]
 
 
 def protocol_comparison_lines(
-    systems: Sequence[str],
-    values: Mapping[tuple[str, str, str, str], float],
-    expected: Expected,
+    systems: Sequence[str], values: Mapping[tuple[str, str, str, str], float], expected: Expected
 ) -> list[str]:
     """Format how much the protocol alone changes the metrics that several protocols measured.
 
@@ -221,11 +214,11 @@ def protocol_comparison_lines(
     groups = {name: _pairs_of(name) for name, _ in expected}
     for record in PROTOCOLS.values():
         family = record.id.partition("/")[0]
-        if family in record.names:
+        if family in record.metric_names:
             groups.setdefault(family, _pairs_of(family))
     for name, pairs in groups.items():
         reported = dict(expected).get(name)
-        shown = VARIATIONS if reported is not None else (PLAIN,)
+        shown = PROTOCOL_VARIATIONS if reported is not None else (PLAIN,)
         for system in systems:
             own = [
                 (protocol, variation, values[system, protocol, key, variation])
@@ -246,7 +239,7 @@ def protocol_comparison_lines(
                     name,
                     escape_markdown(system),
                     rule,
-                    format_value(value),
+                    format_three_digits(value),
                     change_text if place else "",
                     *gap,
                 )
@@ -254,12 +247,12 @@ def protocol_comparison_lines(
     if not rows:
         return []
     head = ["metric", "system", "protocol", "value", "change"]
-    head += ["difference to the expected value"] if expected else []
+    head += ["difference from the expected value"] if expected else []
     papers = ", ".join(f"{name} {value:g}" for name, value in expected)
     return [
         "",
-        "The same motion measured by different protocols: how much the protocol alone changes the "
-        "number. Each protocol is compared with the first one, and each variation of a protocol "
+        "The table shows how much the protocol alone changes the value of a metric on the same "
+        "motion. Each protocol is compared with the first one, and each variation of a protocol "
         "with that protocol." + (f" Expected: {papers}." if papers else ""),
         "",
         *(f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)),

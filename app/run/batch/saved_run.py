@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.batch.archives import UnpackLimits, is_archive, unpack_archive
+from app.run.batch.archives import UnpackBudget, is_archive, unpack_archive
 from app.run.batch.speech_batch import clip_requests, run_batch
 from app.run.callbacks import RunCallbacks
 from app.run.output.run_folder import (
@@ -23,15 +23,15 @@ from app.run.output.run_folder import (
     read_run,
     row_files,
 )
-from app.run.output.viewer_files import check_viewer_files
+from app.run.output.viewer_files import check_and_complete_viewer_files
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import MAX_CLIPS, MAX_COMPARED
 from app.run.requests.requests import AnyRun, DiagnoseRequest, requested_systems
-from app.run.upload_check import check_clips
+from app.run.upload_check import checked_total_s
 from conventions.names import REFERENCE_NAME, printable
 from processes.pool import JobPool
 
-LIMITS = UnpackLimits(max_files=2_000, max_total_bytes=10**9, min_free_bytes=10**9)
+LIMITS = UnpackBudget(max_files=2_000, max_total_bytes=10**9, min_free_bytes=10**9)
 """Limits of a visitor's archive."""
 ENDINGS = (".json", ".npz", ".wav")
 ALL_ENDINGS = (*ENDINGS, ".frames", ".csv", ".md", ".tex", ".png", ".svg", ".pdf", ".mp4", ".jpg")
@@ -43,7 +43,7 @@ SPEECH_FOLDER = "form"
 """Folder next to the results with the speech files of several clips."""
 
 
-def run_request(request: AnyRun, callbacks: RunCallbacks) -> None:
+def run_page_request(request: AnyRun, callbacks: RunCallbacks) -> None:
     """Run a request, also one for a run's zip, or for several clips in the folder of the form.
 
     The motions in a zip are measured again. No list of paths is read, as it might name any file.
@@ -63,13 +63,13 @@ def run_request(request: AnyRun, callbacks: RunCallbacks) -> None:
     elif speech == out.with_name(SPEECH_FOLDER):
         requests = {**clip_requests(request)}
         paths = [each.speech.path for each in requests.values() if each.speech.path]
-        seconds = check_clips(paths, request.speech.max_speech_s)
+        seconds = checked_total_s(paths, request.speech.max_speech_s)
         pool = make_job_pool(seconds * len(requested_systems(request)) * request.sampling.samples)
     if "" in requests:
         run(requests[""], callbacks)
         return
     done = run_batch(requests, pool, callbacks=callbacks)
-    if not done.clips:
+    if not done.finished_clips:
         raise RunError(next(iter(done.failed.values())))
 
 
@@ -84,9 +84,9 @@ def reopen_requests(request: DiagnoseRequest, into: Path) -> dict[str, DiagnoseR
     Args:
         into: folder to unpack into, which must not exist.
     """
-    runs = find_runs(find_run_folder(request.motions.motions[0], into))
-    limit = request.motions.max_frames
-    share = replace_fields(request, max_frames=limit and limit // len(runs))
+    runs = find_runs(open_run_folder(request.motions.motions[0], into))
+    limit = request.motions.max_total_frames
+    share = replace_fields(request, max_total_frames=limit and limit // len(runs))
     return {
         clip: replace_fields(_of_run(share, run), out=request.output.out / clip)
         for clip, run in runs.items()
@@ -108,19 +108,15 @@ def _of_run(request: DiagnoseRequest, folder: Path) -> DiagnoseRequest:
         names=tuple(shown),
         reference=motions.get(REFERENCE_NAME),
         speech=speech,
-        joint=record.point,
+        tracked_point=record.tracked_point,
         source_run=folder,
     )
 
 
-def find_run_folder(
-    path: Path, into: Path, endings: Sequence[str] = ENDINGS, limits: UnpackLimits = LIMITS
+def open_run_folder(
+    path: Path, into: Path, endings: Sequence[str] = ENDINGS, limits: UnpackBudget = LIMITS
 ) -> Path:
-    """Return the folder of a run, or of those of several clips, unpacking a zip.
-
-    Raises:
-        RunError: as `unpack_archive`, or if there is none.
-    """
+    """Return the folder of a run, or the parent of several, unzipped; raises RunError."""
     folders = [path]
     if is_archive(path):
         into.mkdir(parents=True)
@@ -133,7 +129,7 @@ def find_run_folder(
     return first if len(runs) == 1 else first.parent
 
 
-def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackLimits) -> None:
+def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackBudget) -> None:
     """Unpack each ``run.json`` of a zip, and then the files that they name."""
     most = min(limits.max_total_bytes, MAX_CLIPS * MAX_RUN_BYTES)
     unpack_archive(path, into, (RUN_ENDING,), replace(limits, max_total_bytes=most), _is_run)
@@ -154,16 +150,12 @@ def _is_run(path: str) -> bool:
 
 
 def copy_run(path: Path, into: Path) -> Path:
-    """Copy a run of the page's owner, or its zip, into a new folder.
-
-    Raises:
-        RunError: if there is no run, or one is damaged.
-    """
-    folder = find_run_folder(path, into / "unpacked", ALL_ENDINGS, UnpackLimits())
+    """Copy a run of the page's owner, or its zip, to a new folder; raises RunError if damaged."""
+    folder = open_run_folder(path, into / "unpacked", ALL_ENDINGS, UnpackBudget())
     for file in files_of_run(folder):
         copy = into / "results" / file.relative_to(folder)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, copy)
     for run in find_runs(into / "results").values():
-        check_viewer_files(run)
+        check_and_complete_viewer_files(run)
     return into / "results"

@@ -16,15 +16,15 @@ from typing import Any
 
 from app.errors import RunError, message_for_user
 from app.findings.verdict import make_verdict
-from app.run.batch.pairing import has_suffix, shorten_list
+from app.run.batch.pairing import is_visible_with_suffix, shorten_list
 from app.run.batch.table import write_tables
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks, RunEvent, RunStage, StageProgress
 from app.run.output.result_folder import lock_folder
 from app.run.output.run_folder import RUN, RunRecord, read_run
-from app.run.requests.convert import flat_json, map_paths, replace_fields
+from app.run.requests.convert import flat_public_fields, map_paths, replace_fields
 from app.run.requests.requests import AnyRun, GenerateRequest
 from app.run.upload_check import SOUNDS
-from conventions.names import REFERENCE_NAME, safe_file_stem
+from conventions.names import REFERENCE_NAME, pluralise, safe_file_stem
 from processes.job import Job
 from processes.pool import JobPool
 
@@ -36,13 +36,13 @@ ENDINGS = SOUNDS
 class BatchResult:
     """Result of runs over several clips."""
 
-    clips: tuple[str, ...]
+    finished_clips: tuple[str, ...]
     """Names of finished clips."""
     num_reused: int
     """Number of clips that had been finished before."""
     failed: dict[str, str]
     """Sentence by failed clip."""
-    files: tuple[Path, ...]
+    table_files: tuple[Path, ...]
     """Tables over all clips."""
     notes: tuple[str, ...] = ()
     """Verdict over all clips."""
@@ -66,17 +66,14 @@ def clip_requests(request: GenerateRequest) -> dict[str, GenerateRequest]:
     request.check()
     if request.imports.reference is not None or request.speech.transcript is not None:
         raise RunError(
-            "A reference or a transcript belongs to a single speech; remove it from a run over "
-            "several. To compare with recordings, use `python -m app diagnose`."
+            "A reference or a transcript belongs to a single speech and cannot be used with "
+            "several; remove it. To compare with recorded motion, use `python -m app diagnose`."
         )
     speeches = find_speech_files(request.speech.path)
     plans, request = _plans(request.planning.plan, speeches), map_paths(request, Path.absolute)
     return {
         clip: replace_fields(
-            request,
-            speech=speech,
-            out=request.output.out / clip,
-            plan=plans.get(clip),
+            request, speech=speech, out=request.output.out / clip, plan=plans.get(clip)
         )
         for clip, speech in speeches.items()
     }
@@ -116,9 +113,9 @@ def run_batch(
         notes: list[str] = []
         if clips:
             runs = [read_run(requests[clip].output.out) for clip in clips]
-            verdict = make_verdict(runs[0].point, [run.numbers for run in runs])
+            verdict = make_verdict(runs[0].tracked_point, [run.metrics for run in runs])
             notes += [] if verdict is None else [verdict.text]
-            names = sorted(runs[0].numbers, key=lambda name: name == REFERENCE_NAME)
+            names = sorted(runs[0].metrics, key=lambda name: name == REFERENCE_NAME)
             numbers = dict(zip(clips, map(_clip_results, runs), strict=True))
             files, _ = write_tables(out, names, numbers, notes, failed)
     return BatchResult(tuple(clips), num_reused, failed, files, tuple(notes))
@@ -132,7 +129,7 @@ def _mean_progress(callbacks: RunCallbacks, num_clips: int) -> Callable[[str, Ru
         if isinstance(event, StageProgress):
             fractions[event.stage, clip] = event.fraction
             done = sum(each for (stage, _), each in fractions.items() if stage == event.stage)
-            event = StageProgress(event.stage, done / num_clips, clip=f"{num_clips} clips")
+            event = StageProgress(event.stage, done / num_clips, clips_text=f"{num_clips} clips")
         callbacks.on_event(event)
 
     return on_event
@@ -145,7 +142,6 @@ def run_jobs(
 
     Args:
         on_done: called with the name of each finished job, and the fraction done.
-        further: callbacks of `JobPool.run_all`.
     """
     num_done = num_reused = sum(job.is_done() for job in jobs)
 
@@ -169,7 +165,7 @@ def find_speech_files(source: Path) -> dict[str, Path]:
     """
     if source.is_dir():
         inside = sorted(path for path in source.iterdir() if path.is_file())
-        listed = [path for path in inside if has_suffix(ENDINGS, Path(path.name))]
+        listed = [path for path in inside if is_visible_with_suffix(ENDINGS, Path(path.name))]
         if not listed:
             raise RunError(f"{source} contains no audio files ({', '.join(ENDINGS)}).")
     else:
@@ -201,11 +197,7 @@ def _listed(source: Path) -> list[Path]:
 
 
 def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
-    """Return the gesture plan file of each clip, which has the clip's name.
-
-    Raises:
-        RunError: if the path is not a folder, or a clip has no plan.
-    """
+    """Return the plan file of each clip, by its name; raises RunError without folder or plan."""
     from model.plan.files import ENDINGS as PLAN_ENDINGS
 
     if folder is None:
@@ -219,16 +211,21 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
     plans = {
         safe_file_stem(path.stem): path.absolute()
         for path in sorted(folder.iterdir())
-        if has_suffix(endings, Path(path.name))
+        if is_visible_with_suffix(endings, Path(path.name))
     }
     missing = [clip for clip in clips if clip not in plans]
     if missing:
-        raise RunError(f"{folder} has no plan for {len(missing)} clips; the first is {missing[0]}.")
+        raise RunError(
+            f"{folder} has no plan for {pluralise(len(missing), 'clip')}: {shorten_list(missing)}."
+        )
     return plans
 
 
 def _stamp(request: AnyRun) -> str:
-    """Return the digest of everything that determines a run's results, without locations."""
+    """Return the digest of the settings and files that determine a run's results.
+
+    Locations are left out; see `inputs_stamp`.
+    """
     read = {"speech": request.speech.path}
     if isinstance(request, GenerateRequest):
         read |= {"plan": request.planning.plan, "style": request.planning.style}
@@ -238,12 +235,15 @@ def _stamp(request: AnyRun) -> str:
     files = {name: path for name, path in read.items() if path is not None}
     files |= {path.name: path for path in weights}
     body = request.video.body
-    fields = flat_json(request) | {name: None for name in read}
-    return inputs_digest(files if body is None else files | {"body": body}, fields)
+    fields = flat_public_fields(request) | {name: None for name in read}
+    return inputs_stamp(files if body is None else files | {"body": body}, fields)
 
 
-def inputs_digest(files: Mapping[str, Path], settings: object) -> str:
-    """Return the digest of a request and its files, by name, size and modification time."""
+def inputs_stamp(files: Mapping[str, Path], settings: object) -> str:
+    """Return a digest of settings, and of the names, sizes and modification times of files.
+
+    The content of the files is not read: one that changes without size and time is not noticed.
+    """
     of_files = {}
     for name, path in files.items():
         stat = path.stat()
@@ -263,13 +263,13 @@ def _do_clip(
     (request.output.out / RUN).unlink(missing_ok=True)  # of earlier files, which will be replaced
     pipeline.run(request, RunCallbacks(on_event, should_cancel))
     record = read_run(request.output.out)
-    record.inputs_sha256 = stamp
+    record.inputs_stamp = stamp
     record.write(request.output.out / RUN)
 
 
 def _is_done(folder: Path, stamp: str) -> bool:
     try:
-        return read_run(folder).inputs_sha256 == stamp
+        return read_run(folder).inputs_stamp == stamp
     except RunError:
         return False
 
@@ -280,9 +280,9 @@ def _clip_results(run: RunRecord) -> dict[str, Any]:
         "systems": {
             name: {
                 "numbers": of["raw"],
-                "findings": [each.kind for each in run.findings if each.name == name],
+                "findings": [each.kind for each in run.findings if each.motion_name == name],
             }
-            for name, of in run.numbers.items()
+            for name, of in run.metrics.items()
         }
     }
 

@@ -54,7 +54,7 @@ def check_sets(
     if reference is None:
         raise RunError(
             "--check genea compares names and lengths with the recorded test clips; also give "
-            "these (--reference BEAT2's folder, or a folder of the recorded clips)."
+            "these (--reference FOLDER, which is BEAT2's or one of the recorded clips)."
         )
     sets = [(path, ENDINGS) for path in (*folders, reference)]
     with ResultFolder(out) as results:
@@ -72,7 +72,7 @@ def check_sets(
             lines += [f"- {line}" for line in each.messages] + [
                 f"  - {clip}" for clip in each.missing_and_extra
             ]
-        results.path("check.md").write_text("\n".join(lines) + "\n", "utf-8")
+        results.new_path("check.md").write_text("\n".join(lines) + "\n", "utf-8")
         results.publish()
     return checks
 
@@ -90,7 +90,7 @@ def _of_test_split(clips: Mapping[str, SampleFiles], folder: Path) -> dict[str, 
             test = {row["id"] for row in csv.DictReader(file) if row.get("type") == "test"}
         wanted = {clip: path for clip, path in wanted.items() if clip in test}
     if not wanted:
-        raise RunError(f"{folder} contains no recorded clips ({', '.join(ENDINGS)}) of a test set.")
+        raise RunError(f"{folder} contains no recorded test clips ({', '.join(ENDINGS)}).")
     return wanted
 
 
@@ -108,9 +108,7 @@ def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
             files.setdefault(why, []).append(file)
     problems = []
     if uneven:
-        problems.append(
-            f"{shorten_list(uneven)} have fewer samples than other clips, which have {most}."
-        )
+        problems.append(f"clips with fewer than {most} samples: {shorten_list(uneven)}.")
     if most not in (0, 1, SAMPLES):
         problems.append(
             f"it has {most} samples per clip; a probabilistic system must submit {SAMPLES}, a "
@@ -146,8 +144,8 @@ def _wrong_files(folder: Path, samples: SampleFiles, recorded: Path) -> dict[str
             continue
         if abs(motion.num_frames - frames) > _MAX_FRAME_DIFFERENCE:
             wrong[name] = (
-                f"it has {motion.num_frames} frames, but the recording has {frames} (at {FPS} "
-                "frames per second)."
+                f"{motion.num_frames} frames, but the recording has {frames} (at {FPS} frames per "
+                "second)."
             )
         other = names_by_digest.setdefault(file_sha256(path), name)
         if other != name:

@@ -22,7 +22,7 @@ from app.findings.metric_table import (
     TITLES,
     Metric,
     format_mean_with_interval,
-    format_value,
+    format_three_digits,
 )
 from app.findings.verdict import MIN_CLIPS_FOR_CLAIM
 from app.run.output.run_folder import TABLES
@@ -31,7 +31,7 @@ from model.metrics.protocols.table import WORKBENCH, protocol_of
 from model.storage.escaping import csv_text, escape_latex, escape_markdown
 
 if TYPE_CHECKING:
-    from model.metrics.results import BeatSpeeds
+    from model.metrics.results import BeatSpeedSource
 
 NUM_WORST = 10
 """Maximum number of worst clips of a system that are listed."""
@@ -76,50 +76,47 @@ def average_samples(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 def mean_with_interval(values: Sequence[float]) -> tuple[float, float, float]:
     """Compute the mean over clips with its 95 % bootstrap interval, which a single clip lacks."""
-    from model.evaluation.tables import bootstrap
+    from model.evaluation.tables import bootstrap_mean
 
-    estimate = bootstrap(values)
+    estimate = bootstrap_mean(values)
     return estimate.mean, estimate.low, estimate.high
 
 
 def write_tables(
     out: Path,
     systems: list[str],
-    numbers: Mapping[str, dict[str, Any]],
+    records: Mapping[str, dict[str, Any]],
     notes: Sequence[str] = (),
     left_out: Mapping[str, str] | None = None,
     *,
     origin: Mapping[str, Any] | None = None,
-    more: Iterable[Row] = (),
-    speeds: BeatSpeeds = "own",
-    below: Sequence[str] = (),
+    extra_rows: Iterable[Row] = (),
+    speeds: BeatSpeedSource = "own",
+    lines_below: Sequence[str] = (),
 ) -> tuple[tuple[Path, ...], dict[str, Any]]:
     """Write ``batch.csv``, ``batch.json``, ``clips.csv``, ``summary.md`` and ``table.tex``.
 
     Args:
-        numbers: records by clip, with the raw ``numbers`` (keys of `METRICS`) and the ``findings``
+        records: records by clip, with the raw ``numbers`` (keys of `METRICS`) and the ``findings``
             of each of the ``systems``.
-        notes: notes above the numbers.
         left_out: reasons by omitted clip.
-        origin: provenance of the numbers.
-        more: rows of metrics of whole sets.
         speeds: source of the mean speeds of BeatAlign.
-        below: Markdown lines below the tables of ``summary.md``.
+        lines_below: Markdown lines below the tables of ``summary.md``.
 
     Returns:
         The files, and the content of ``batch.json``.
     """
     left_out = left_out or {}
     of_systems = {
-        name: [(clip, each["systems"][name]) for clip, each in numbers.items()] for name in systems
+        name: [(clip, each["systems"][name]) for clip, each in records.items()] for name in systems
     }
-    rows = [*_rows(of_systems, speeds), *more]
+    rows = [*_rows(of_systems, speeds), *extra_rows]
     findings = {
         name: dict(Counter(kind for _, each in of for kind in set(each["findings"])).most_common())
         for name, of in of_systems.items()
     }
     results: dict[str, Any] = {
-        "clips": list(numbers),
+        "clips": list(records),
         "measures": [dict(zip(HEADER, row, strict=True)) for row in rows],
         "clips_with_finding": findings,
         "worst": worst_clips(of_systems),
@@ -131,14 +128,14 @@ def write_tables(
         *_sheet(systems, results, means),
         *_worst_lines(results["worst"]),
         *_spread_lines(of_systems),
-        *below,
+        *lines_below,
     ]
     contents = {
         "batch.csv": csv_text([HEADER, *rows]),
         "batch.json": json.dumps(results, indent=1, allow_nan=False) + "\n",
         "clips.csv": csv_text(_clip_rows(of_systems, left_out, speeds)),
         "summary.md": "\n".join(sheet) + "\n",
-        "table.tex": _latex(systems, len(numbers), means),
+        "table.tex": _latex(systems, len(records), means),
     }
     for name, content in contents.items():
         (out / name).write_text(content, "utf-8", newline="")
@@ -146,7 +143,7 @@ def write_tables(
 
 
 def _clip_rows(
-    of_systems: ClipsBySystem, left_out: Mapping[str, str], speeds: BeatSpeeds
+    of_systems: ClipsBySystem, left_out: Mapping[str, str], speeds: BeatSpeedSource
 ) -> Iterator[tuple[Any, ...]]:
     """Yield the header, a row for each clip of each system, and one for each omitted clip."""
     keys = [row.key for row in METRICS]
@@ -192,7 +189,12 @@ def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[str]:
     rows = (
         map(
             escape_markdown,
-            (of["system"], of["clip"], format_finding_kinds(of["kinds"]), format_value(of["jerk"])),
+            (
+                of["system"],
+                of["clip"],
+                format_finding_kinds(of["kinds"]),
+                format_three_digits(of["jerk"]),
+            ),
         )
         for of in worst
     )
@@ -202,7 +204,7 @@ def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[str]:
     )
     (unit,) = (row.unit for row in METRICS if row.key == JERK)
     table = _grid(("system", "clip", "findings", f"jerk ({unit})"), rows)
-    return ["", f"{title}. All are in `clips.csv`.", "", *table]
+    return ["", f"{title}. All clips are in `clips.csv`.", "", *table]
 
 
 def _grid(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
@@ -223,7 +225,9 @@ def _spread_lines(of_systems: ClipsBySystem) -> list[str]:
     for row in METRICS:
         by_metric = [[each[row.key] for each in of if row.key in each] for of in spreads.values()]
         if any(by_metric):
-            cells = (format_value(float(np.mean(each)) if each else None) for each in by_metric)
+            cells = (
+                format_three_digits(float(np.mean(each)) if each else None) for each in by_metric
+            )
             rows.append((title_with_unit(row), *cells))
     title = "Standard deviation between the samples of a clip, averaged over clips."
     return ["", title, "", *_grid(("measure", *spreads), rows)] if spreads else []
@@ -247,7 +251,7 @@ def _latex(systems: list[str], clips: int, means: Cells) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _rows(of_systems: ClipsBySystem, speeds: BeatSpeeds) -> Iterator[Row]:
+def _rows(of_systems: ClipsBySystem, speeds: BeatSpeedSource) -> Iterator[Row]:
     """Yield the mean of each system and the differences of all pairs, by metric."""
     for measure in METRICS:
         values = {
@@ -345,19 +349,18 @@ LEAST_CLIPS = 5
 
 
 def draw_distribution_figure(
-    out: Path, systems: list[str], numbers: list[dict[str, Any]], speeds: BeatSpeeds = "own"
+    out: Path, systems: list[str], numbers: list[dict[str, Any]], speeds: BeatSpeedSource = "own"
 ) -> tuple[tuple[Path, ...], list[str]]:
     """Draw ``distributions.png`` in all formats, and return the files with notes.
 
     Args:
-        numbers: records as for `write_tables`.
-        speeds: source of the mean speeds of BeatAlign.
+        numbers: values of the records of `write_tables`.
     """
     if len(numbers) < LEAST_CLIPS:
         return (), []
     from pandas import DataFrame
 
-    from renderer.figures.curves import DISTRIBUTIONS_CAPTION, draw_distributions
+    from renderer.figures.curves import DISTRIBUTIONS_CAPTION, draw_cumulative_distributions
     from renderer.figures.style import MAX_SYSTEMS, save_figure
 
     generated = [name for name in systems if name != REFERENCE_NAME]
@@ -376,7 +379,7 @@ def draw_distribution_figure(
     )
     if values.empty:
         return (), []
-    draw = partial(draw_distributions, values, shown, REFERENCE_NAME)
+    draw = partial(draw_cumulative_distributions, values, shown, REFERENCE_NAME)
     protocols = (
         f"Metrics by protocol {WORKBENCH}, BeatAlign by {protocol_of('beat_align', speeds)}."
     )

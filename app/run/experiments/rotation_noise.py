@@ -8,16 +8,12 @@ from pathlib import Path
 from pandas import DataFrame
 
 from app.errors import RunError
-from app.run.bodies import make_tracked_point
+from app.run.bodies import make_point_tracker
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.models import get_body
 from app.run.output.run_folder import RunRecord
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
-from app.run.requests.requests import (
-    ROTATION_NOISE_VIDEO,
-    WITHOUT_NOISE,
-    RotationNoiseRequest,
-)
+from app.run.requests.requests import ROTATION_NOISE_VIDEO, WITHOUT_NOISE, RotationNoiseRequest
 from app.run.run_writer import RunWriter, open_run_writer
 from app.run.videos.videos import draw_videos
 from model.formats.read import read_any_motion
@@ -25,7 +21,7 @@ from model.metrics.error_growth import ErrorGrowth, error_growth_summary, measur
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import kinematic_chain
-from model.motion.transforms import add_rotation_noise
+from model.motion.transforms import with_local_and_global_noise
 from model.speech.transcript import EMPTY_TRANSCRIPT
 from renderer.video.compose import compose_videos
 
@@ -47,29 +43,36 @@ def compare_rotation_noise(
     """
     request.check()
     motion = request.motion
-    if not kinematic_chain(request.joint):
+    if not kinematic_chain(request.tracked_point):
         raise RunError(
-            f"No rotation moves the {request.joint}; track a joint further from the pelvis."
+            f"The {request.tracked_point} does not depend on joint rotations; track a joint "
+            "further from the pelvis."
         )
     request.import_overrides.check_files_exist([motion])
     reading = read_any_motion(motion, request.import_overrides, request.body)
     growth = measure_error_growth(
-        reading.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed
+        reading.motion,
+        open_body_skeleton(),
+        request.tracked_point,
+        request.noise_rad,
+        seed=request.seed,
     )
     noisy = dict(
         zip(
             NOISY_MOTION_NAMES,
-            add_rotation_noise(reading.motion, request.noise_rad, request.seed),
+            with_local_and_global_noise(reading.motion, request.noise_rad, request.seed),
             strict=True,
         )
     )
-    record = RunRecord(kind="imported", point=DEFAULT_TRACKED_POINT)
+    record = RunRecord(kind="imported", tracked_point=DEFAULT_TRACKED_POINT)
     with open_run_writer(
         request.output.out, record, callbacks, is_incremental=request.output.is_incremental
     ) as run:
-        tip = make_tracked_point(request.body, DEFAULT_TRACKED_POINT)
+        tracker = make_point_tracker(request.body, DEFAULT_TRACKED_POINT)
         run.add_notes(*reading.notes, *_growth_sentences(growth, request.noise_rad))
-        shown = run.write_viewer_files({**noisy, WITHOUT_NOISE: reading.motion}, None, tip)
+        shown = run.write_motions_and_make_timeline(
+            {**noisy, WITHOUT_NOISE: reading.motion}, None, tracker
+        )
         run.write_timeline(shown, EMPTY_TRANSCRIPT)
         _draw_growth(request, growth, run)
         if request.has_video:
@@ -81,22 +84,22 @@ def _draw_growth(request: RotationNoiseRequest, growth: ErrorGrowth, run: RunWri
     """Draw the displacement of points along the kinematic chain."""
     spreads = DataFrame(
         {
-            "point": growth.points,
+            "point": growth.point_names,
             "local": growth.local_rms_m,
             "global": growth.global_rms_m,
-            "predicted_local": growth.predicted_local_spread_m,
-            "predicted_global": growth.predicted_global_spread_m,
+            "predicted_local": growth.predicted_local_rms_m,
+            "predicted_global": growth.predicted_global_rms_m,
         }
     )
     summary = error_growth_summary(growth, request.noise_rad)
-    run.write_figure("error_growth", spreads, summary, request.output.figure_forms)
+    run.write_figure("error_growth", spreads, summary, request.output.figure_formats)
 
 
 def _draw_bodies(
     request: RotationNoiseRequest, clean: Motion, noisy: Mapping[str, Motion], run: RunWriter
 ) -> None:
     body = get_body(request.body)
-    tip = make_tracked_point(request.body, request.joint)
+    tracker = make_point_tracker(request.body, request.tracked_point)
     drawn = run.folder.scratch("bodies")
     drawn.mkdir()
     paths = {name: drawn / f"{number}.mp4" for number, name in enumerate(noisy)}
@@ -106,8 +109,8 @@ def _draw_bodies(
 
     # The camera frames the clean motion.
     on_progress = run.progress_callback("video", _DRAWN)
-    draw_videos(noisy, request.video, body, tip, out, on_progress, framed=[clean])
-    video = run.folder.path(ROTATION_NOISE_VIDEO)
+    draw_videos(noisy, request.video, body, tracker, out, on_progress, camera_motions=[clean])
+    video = run.folder.new_path(ROTATION_NOISE_VIDEO)
     compose_videos(
         list(paths.values()),
         [f"{name}, {request.noise_rad:g} rad" for name in noisy],

@@ -17,33 +17,27 @@ from app.errors import RunError
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.generated_motions import generation_options, load_first_seconds
 from app.run.models import get_system, make_job_pool
-from app.run.output.run_folder import RunRecord, check_file_stems
+from app.run.output.run_folder import RunRecord, check_distinct_file_stems
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
-from app.run.requests.requests import (
-    SpeechEffectRequest,
-    requested_systems,
-)
+from app.run.requests.requests import SpeechEffectRequest, requested_systems
 from app.run.run_writer import RunWriter, open_run_writer
 from conventions.names import pluralise, safe_file_stem, short_names
-from model.evaluation.classifiers import arm_speaker_effect, wrist_speeds
+from model.evaluation.classifiers import arm_speaker_effect, calm_and_lively_wrist_speeds
 from model.formats.read import read_any_motion
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
 from model.metrics.protocols.table import WORKBENCH
 from model.metrics.speech_effect import (
-    CorrelationShares,
     Grid,
+    SharedInputCorrelations,
+    arm_angular_speed_deg_s,
     arm_rotation_correlation_same_noise,
-    arm_speed,
     speech_and_noise_shares,
 )
 from model.motion.motion import Motion, load_motion, save_motion
 from model.speech.audio import Speech
 from processes.job import Job
-from renderer.figures.curves import (
-    SPEECH_EFFECT_CAPTION,
-    SpeechEffectRow,
-)
+from renderer.figures.curves import SPEECH_EFFECT_CAPTION, SpeechEffectRow
 from renderer.figures.style import MAX_SYSTEMS
 
 MAX_SPEECH_S = 60.0
@@ -56,10 +50,10 @@ _COLUMNS = (
 
 
 @dataclass(frozen=True)
-class _GeneratedGrid:
+class _SystemMotions:
     """Motions of one system, by speech and seed."""
 
-    grid: Grid
+    by_speech: Grid
     guidance: float | None = None
     """Guidance scale of the speech; None if it is not known."""
     by_speaker: Grid = field(default_factory=dict)
@@ -81,13 +75,12 @@ def measure_speech_effect(
     request.check()
     record = RunRecord(
         kind="imported" if request.compares_existing_motions else "generated",
-        point=DEFAULT_TRACKED_POINT,
+        tracked_point=DEFAULT_TRACKED_POINT,
     )
     with open_run_writer(request.output.out, record, callbacks) as run:
         if request.compares_existing_motions:
             of_system = {
-                name: _GeneratedGrid(grid)
-                for name, grid in _read_grids(request.speeches[0]).items()
+                name: _SystemMotions(grid) for name, grid in _read_grids(request.inputs[0]).items()
             }
             run.progress_callback("numbers")(1.0)
         else:
@@ -95,14 +88,14 @@ def measure_speech_effect(
                 safe_file_stem(path.stem): load_first_seconds(
                     path, MAX_SPEECH_S, request.max_speech_s
                 )
-                for path in request.speeches
+                for path in request.inputs
             }
             names = requested_systems(request)
-            check_file_stems(f"{name}__{speech}" for name in names for speech in speeches)
+            check_distinct_file_stems(f"{name}__{speech}" for name in names for speech in speeches)
             of_system = _generate_grids(request, speeches, run)
             for system, made in of_system.items():
-                for (speech, seed), motion in made.grid.items():
-                    path = run.folder.path(f"{safe_file_stem(system)}__{speech}__{seed}.npz")
+                for (speech, seed), motion in made.by_speech.items():
+                    path = run.folder.new_path(f"{safe_file_stem(system)}__{speech}__{seed}.npz")
                     save_motion(motion, path)
                     run.add_files(path)
         effects = {
@@ -118,7 +111,7 @@ def measure_speech_effect(
             for system, numbers in effects.items()
             for part, shares in numbers["parts"].items()
         ]
-        run.write_table(
+        run.write_json_and_csv(
             "speech_effect", effects, [("system", "part", *_COLUMNS, "protocol"), *table]
         )
         _draw_speech_effect(effects, of_system, run, request)
@@ -127,10 +120,10 @@ def measure_speech_effect(
 
 def _generate_grids(
     request: SpeechEffectRequest, speeches: Mapping[str, Speech], run: RunWriter
-) -> dict[str, _GeneratedGrid]:
+) -> dict[str, _SystemMotions]:
     """Generate all motions, in several processes where that is worth their start."""
     systems = [get_system(name, request.weights) for name in requested_systems(request)]
-    first, seeds, speakers = next(iter(speeches)), range(request.seeds), request.speakers or ()
+    first, seeds, speakers = next(iter(speeches)), range(request.num_seeds), request.speakers or ()
     folder, jobs = run.folder.scratch("motions").absolute(), list[Job]()
     folder.mkdir()
     seconds_of_motion = 0.0
@@ -138,10 +131,8 @@ def _generate_grids(
     def motion_file(system: System, speech: str, **conditions: Any) -> Path:
         nonlocal seconds_of_motion
         seconds_of_motion += speeches[speech].duration_s
-        path, options = (
-            folder / f"{len(jobs)}.npz",
-            generation_options(request.sampling, system, **conditions),
-        )
+        path = folder / f"{len(jobs)}.npz"
+        options = generation_options(request.sampling, system, **conditions)
         weights = request.weights.absolute()
         work = partial(_generate_to, path, system.name, weights, speeches[speech], options)
         jobs.append(Job(path.stem, path.is_file, work))
@@ -171,7 +162,7 @@ def _generate_grids(
         return {key: load_motion(path) for key, path in paths.items()}
 
     return {
-        name: _GeneratedGrid(grid(paths), guidance[name], grid(by_speaker))
+        name: _SystemMotions(grid(paths), guidance[name], grid(by_speaker))
         for name, (paths, by_speaker) in files.items()
     }
 
@@ -202,27 +193,27 @@ def _read_grids(folder: Path) -> dict[str, Grid]:
 
 
 def _effect_numbers(
-    system: str, generated: _GeneratedGrid, speakers: tuple[str, str] | None
+    system: str, generated: _SystemMotions, speakers: tuple[str, str] | None
 ) -> dict[str, Any]:
     """Return the content of ``speech_effect.json`` for one system."""
 
-    def shares(shares_of_motion: CorrelationShares) -> dict[str, float]:
+    def shares(shares_of_motion: SharedInputCorrelations) -> dict[str, float]:
         return {column: getattr(shares_of_motion, column) for column in _COLUMNS}
 
     try:
         parts = {
             part: shares(part_shares)
-            for part, part_shares in speech_and_noise_shares(generated.grid).items()
+            for part, part_shares in speech_and_noise_shares(generated.by_speech).items()
         }
         effect = {
             "protocol": WORKBENCH,
             "guidance": generated.guidance,
-            "arm_rotations_same_noise": arm_rotation_correlation_same_noise(generated.grid),
+            "arm_rotations_same_noise": arm_rotation_correlation_same_noise(generated.by_speech),
             "parts": parts,
         }
         if speakers is None:
             return effect
-        calm, lively = wrist_speeds(generated.by_speaker, speakers).values()
+        calm, lively = calm_and_lively_wrist_speeds(generated.by_speaker, speakers).values()
         compared = {
             "calm": speakers[0],
             "lively": speakers[1],
@@ -237,7 +228,7 @@ def _effect_numbers(
 def _effect_sentence(system: str, numbers: Mapping[str, Any]) -> str:
     """Format the results of a system's arms as sentences."""
     arms = numbers["parts"]["arms"]
-    lead, low, high = (round(100 * arms[key]) for key in ("lead", "lead_low", "lead_high"))
+    lead, low, high = (round(arms[key], 2) for key in ("lead", "lead_low", "lead_high"))
     if low > 0:
         verdict = "Arm motion depends more on the speech than on the noise seed."
     elif high < 0:
@@ -248,36 +239,40 @@ def _effect_sentence(system: str, numbers: Mapping[str, Any]) -> str:
             "and seeds."
         )
     sentence = (
-        f"{system}: the speech accounts for {_percent(arms['by_speech'])} of the arm-speed "
-        f"correlation and the noise seed for {_percent(arms['by_noise'])}, a difference of "
-        f"{_points(lead)} percentage points (95 % interval over pairs of motions {_points(low)} to "
-        f"{_points(high)}). {verdict} With the same noise and different speech, arm rotations "
-        f"correlate with r = {numbers['arm_rotations_same_noise']:.2f}."
+        f"{system}: compared with pairs of motions that share neither speech nor noise seed, the "
+        f"correlation of arm speeds is higher by {_format_gain(arms['by_speech'])} in pairs that "
+        f"share the speech and by {_format_gain(arms['by_noise'])} in pairs that share the seed "
+        f"(difference {_format_gain(lead)}, 95 % interval over pairs {_format_gain(low)} to "
+        f"{_format_gain(high)}). {verdict} In pairs with the same seed and different speech, arm "
+        f"rotations correlate at r = {numbers['arm_rotations_same_noise']:.2f}."
     )
     if "speakers" not in numbers:
         return sentence
     both = numbers["speakers"]
     calm, manner = both["calm"], both["manner"]
     return (
-        f"{sentence} For the speakers {calm} and {both['lively']}, the speaker accounts for "
-        f"{_percent(manner['by_speaker'])} of the arm-speed correlation. With the same noise and "
-        "speech, their arm rotations correlate with r = "
-        f"{manner['arm_rotations_same_noise']:.2f}, "
-        f"and {calm}'s wrists move {both['calm_over_lively']:.2f} times as fast as "
-        f"{both['lively']}'s."
+        f"{sentence} For the speakers {calm} and {both['lively']} with the same speech, the "
+        f"correlation is higher by {_format_gain(manner['by_speaker'])} in pairs that share the "
+        "speaker than in pairs that share neither speaker nor seed. From the same seed and speech, "
+        "the arm rotations of the two speakers correlate at r = "
+        f"{manner['arm_rotations_same_noise']:.2f}, and {calm}'s wrists move "
+        f"{both['calm_over_lively']:.2f} times as fast as {both['lively']}'s."
     )
 
 
 def _draw_speech_effect(
     numbers: Mapping[str, Mapping[str, Any]],
-    of_system: Mapping[str, _GeneratedGrid],
+    of_system: Mapping[str, _SystemMotions],
     run: RunWriter,
     request: SpeechEffectRequest,
 ) -> None:
     rows = [
         SpeechEffectRow(
             system,
-            {key: arm_speed(motion) for key, motion in of_system[system].grid.items()},
+            {
+                key: arm_angular_speed_deg_s(motion)
+                for key, motion in of_system[system].by_speech.items()
+            },
             {
                 part: (shares["by_speech"], shares["by_noise"])
                 for part, shares in of["parts"].items()
@@ -285,12 +280,9 @@ def _draw_speech_effect(
         )
         for system, of in numbers.items()
     ]
-    run.write_figure("speech_effect", rows, SPEECH_EFFECT_CAPTION, request.output.figure_forms)
+    run.write_figure("speech_effect", rows, SPEECH_EFFECT_CAPTION, request.output.figure_formats)
 
 
-def _percent(share: float) -> str:
-    return f"{_points(round(100 * share))} %"
-
-
-def _points(number: int) -> str:
-    return str(number).replace("-", "\N{MINUS SIGN}")
+def _format_gain(correlation: float) -> str:
+    """Format a difference of two correlation coefficients."""
+    return f"{correlation:z.2f}".replace("-", "\N{MINUS SIGN}")

@@ -14,10 +14,7 @@ from app.run.generated_motions import load_first_seconds
 from app.run.models import get_system
 from app.run.output.run_folder import RunRecord
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
-from app.run.requests.requests import (
-    StepSweepRequest,
-    requested_systems,
-)
+from app.run.requests.requests import StepSweepRequest, requested_systems
 from app.run.run_writer import open_run_writer
 from conventions.names import short_names
 from model.generation.base import System
@@ -26,11 +23,9 @@ from model.metrics.protocols.table import WORKBENCH
 from model.metrics.smoothness import derivative_magnitudes, mean_over_time
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points
-from model.sampling.samplers import clip_seed
+from model.sampling.samplers import noise_seed_of_clip
 from model.speech.audio import Speech
-from renderer.figures.curves import (
-    STEP_SWEEP_CAPTION,
-)
+from renderer.figures.curves import STEP_SWEEP_CAPTION
 
 MAX_S = 10.0
 """Part of the speech that is used (s); the time per frame does not depend on the length."""
@@ -62,7 +57,7 @@ def measure_step_sweep(request: StepSweepRequest, callbacks: RunCallbacks = NO_C
     request.check()
     speech = load_first_seconds(request.speech, MAX_S, request.max_speech_s)
     systems = [get_system(name, request.weights) for name in requested_systems(request)]
-    record = RunRecord(kind="generated", point=DEFAULT_TRACKED_POINT)
+    record = RunRecord(kind="generated", tracked_point=DEFAULT_TRACKED_POINT)
     points: list[StepPoint] = []
     with open_run_writer(request.output.out, record, callbacks) as run:
         part = 1 / len(systems)
@@ -73,9 +68,9 @@ def measure_step_sweep(request: StepSweepRequest, callbacks: RunCallbacks = NO_C
         run.progress_callback("numbers")(1.0)
         run.add_notes(*_step_sentences(points))
         rows = [asdict(point) | {"protocol": WORKBENCH} for point in points]
-        run.write_table("steps", rows, [rows[0], *(point.values() for point in rows)])
+        run.write_json_and_csv("steps", rows, [rows[0], *(point.values() for point in rows)])
         run.write_figure(
-            "steps", DataFrame(points), STEP_SWEEP_CAPTION, request.output.figure_forms
+            "steps", DataFrame(points), STEP_SWEEP_CAPTION, request.output.figure_formats
         )
         run.finish(MEASURED.format(count=len(points)))
 
@@ -84,14 +79,16 @@ def _points_of(
     system: System, speech: Speech, request: StepSweepRequest, on_share: Callable[[float], None]
 ) -> list[StepPoint]:
     """Measure one system, and return its results from few steps to many."""
-    counts = sorted(set(request.counts), reverse=True)  # the first is the reference of the others
+    counts = sorted(
+        set(request.step_counts), reverse=True
+    )  # the first is the reference of the others
     speaker = request.speaker or next(iter(system.speakers))
     generate_motion(system, speech, GenerateOptions(speaker, steps=1))  # warm-up
     points: list[StepPoint] = []
     most: np.ndarray | None = None
     for done, count in enumerate(counts):
         on_share(done / len(counts))
-        seed = clip_seed(request.seed, speech.sha256)  # same motion as by `generate`
+        seed = noise_seed_of_clip(request.seed, speech.sha256)  # same motion as by `generate`
         options = GenerateOptions(speaker, seed=seed, steps=count)
         started = time.perf_counter()
         (motion,) = generate_motion(system, speech, options)
@@ -121,8 +118,8 @@ def _step_sentences(points: Sequence[StepPoint]) -> Iterator[str]:
         calm = AS_CALM * most.tip_jerk_m_s3
         least = next(each for each in of_it if each.tip_jerk_m_s3 <= calm)
         yield (
-            f"{label}: with fewer than {most.steps} sampling steps, fingertip jerk is over 5 % "
-            "higher."
+            f"{label}: with each smaller number of sampling steps tested, fingertip jerk is over "
+            f"5 % higher than with {most.steps}."
             if least is most
             else f"{label}: with {least.steps} instead of {most.steps} sampling steps, fingertip "
             f"jerk is at most 5 % higher, the joints differ by {least.distance_cm:.1f} cm on "

@@ -17,12 +17,7 @@ class ProgressBars:
     """Progress bars of a terminal or notebook cell, one below the other; a context manager."""
 
     def __init__(self, *, is_visible: bool | None = None, stays: bool = True) -> None:
-        """Configure the progress bars.
-
-        Args:
-            is_visible: whether bars are shown; by default only on a terminal.
-            stays: whether bars remain when they are finished.
-        """
+        """Configure the progress bars."""
         self._is_visible, self._stays = is_visible, stays
         self._bars: dict[str, Any] = {}
 

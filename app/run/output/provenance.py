@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from app.findings.comparison import point_title
-from app.run.requests.convert import flat_json
+from app.run.requests.convert import flat_public_fields
 from app.run.requests.parts import SYSTEM_OPTIONS, MotionInput, Steps
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest, RunRequest
 from conventions.names import printable, short_names
@@ -66,7 +66,6 @@ def make_provenance(
     """Return the provenance of generated motion as JSON, as far as it is known before its end.
 
     Args:
-        options: generation options by system.
         backend: OpenGL backend; None if nothing is rendered.
     """
     by_system = {
@@ -82,10 +81,10 @@ def make_provenance(
             "file": request.speech.path.name,
             "sha256": speech.sha256,
             "duration_s": round(speech.duration_s, 6),
-            "frames": speech.num_frames,
+            "frames": speech.num_motion_frames,
         },
         "options": {
-            **flat_json(request),
+            **flat_public_fields(request),
             **by_system,
             "speaker": next(iter(options.values())).speaker,
             "noise_seed": next(iter(options.values())).seed,
@@ -120,11 +119,12 @@ def settings_summary(request: RunRequest) -> Settings:
     last = {
         "reference": reference.name if reference else NONE,
         "words": _words(request),
-        "tracked point": point_title(request.joint).lower(),
+        "tracked point": point_title(request.tracked_point).lower(),
     }
     if isinstance(request, DiagnoseRequest):
         motions = request.motions
-        windows = f"{motions.window} frames, {motions.overlap} shared" if motions.window else NONE
+        frames, overlap = motions.generation_window_frames, motions.window_overlap_frames
+        windows = f"{frames} frames, overlap {overlap}" if frames else NONE
         names = ", ".join(motion_labels(motions))
         return {**first, MOTIONS: names, **last, "windows": windows}
     assert isinstance(request, GenerateRequest)
@@ -142,11 +142,7 @@ def settings_summary(request: RunRequest) -> Settings:
 
 
 def run_title(request: RunRequest, systems: Sequence[str] = ()) -> str:
-    """Return a short title of a run, composed from its inputs.
-
-    Args:
-        systems: names of the systems, for a request that names none.
-    """
+    """Return a short title of a run, with ``systems`` if the request names none."""
     if request.output.title:
         return request.output.title
     reference = request.imports.reference
@@ -188,7 +184,7 @@ def differing_settings(first: Settings, second: Settings) -> dict[str, tuple[str
 def _words(request: RunRequest) -> str:
     if request.speech.transcript is not None:
         return request.speech.transcript.name
-    return "recognised" if request.speech.words == "recognise" else NONE
+    return "recognised" if request.speech.word_source == "recognise" else NONE
 
 
 def _of_systems(option: Steps | float | str) -> str:

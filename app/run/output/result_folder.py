@@ -134,7 +134,7 @@ class ResultFolder:
         >>> import tempfile
         >>> temp = tempfile.TemporaryDirectory()
         >>> with ResultFolder(Path(temp.name) / "run") as folder:
-        ...     _ = folder.path("notes.txt").write_text("two motions")
+        ...     _ = folder.new_path("notes.txt").write_text("two motions")
         ...     [path] = folder.publish()
         >>> path.parent.name, path.read_text()
         ('run', 'two motions')
@@ -165,8 +165,8 @@ class ResultFolder:
             raise _unwritable(self.out, error) from error
         return self
 
-    def path(self, name: str, *, grows: bool = False) -> Path:
-        """Return the path at which to write the file ``name``.
+    def new_path(self, name: str, *, grows: bool = False) -> Path:
+        """Register the result ``name`` to be published, and return the path to write it at.
 
         Args:
             grows: whether the file is useful before it is complete.
@@ -178,7 +178,7 @@ class ResultFolder:
         return path
 
     def mark_complete(self, path: Path) -> str:
-        """Mark a file written at `path` as complete, and return its name."""
+        """Mark a file written at `new_path` as complete, and return its name."""
         below = self._staging if path.is_relative_to(self._staging) else self.out
         name = path.relative_to(below).as_posix()
         if self.is_incremental and below == self._staging:
@@ -218,22 +218,26 @@ class ResultFolder:
 
 
 def zip_files(
-    files: Iterable[Path], out: Path, below: Path | None = None, *, has_times: bool = True
+    files: Iterable[Path],
+    out: Path,
+    relative_to: Path | None = None,
+    *,
+    keeps_metadata: bool = True,
 ) -> Path:
     """Write files into a zip atomically.
 
     Args:
-        below: folder to which the names in the zip are relative; without it, all files are in one
-            folder with the name of the zip.
-        has_times: whether the zip keeps modification times and permissions.
+        relative_to: folder to which the names in the zip are relative; without it, all files are in
+            one folder with the name of the zip.
+        keeps_metadata: whether the zip keeps modification times and permissions.
     """
     partial = out.with_name(f".{out.name}.partial")
     try:
         with zipfile.ZipFile(partial, "w") as archive:
             for file in files:
-                name = file.relative_to(below) if below else Path(out.stem, file.name)
+                name = file.relative_to(relative_to) if relative_to else Path(out.stem, file.name)
                 info = zipfile.ZipInfo.from_file(file, name.as_posix())
-                if not has_times:
+                if not keeps_metadata:
                     info.date_time, info.external_attr = _NO_TIME, 0o644 << 16
                 is_small = file.suffix in _ALREADY_SMALL
                 info.compress_type = zipfile.ZIP_STORED if is_small else zipfile.ZIP_DEFLATED
@@ -248,15 +252,11 @@ def zip_files(
 def zip_folder(folder: Path, out: Path) -> Path:
     """Zip all files of a folder under its name, without times and in order of their names."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
-    return zip_files(files, out, below=folder.parent, has_times=False)
+    return zip_files(files, out, relative_to=folder.parent, keeps_metadata=False)
 
 
 def require_free_space(folder: Path, needed_bytes: int) -> None:
-    """Check before a run that the disk has enough space.
-
-    Raises:
-        DiskFullError: with the free and the needed space.
-    """
+    """Check that the disk has space for a run; raises DiskFullError with free and needed space."""
     free_bytes = shutil.disk_usage(folder).free
     if free_bytes < needed_bytes:
         raise DiskFullError(

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from typing_extensions import TypedDict
 
 from app.errors import RunError
-from app.findings.metric_table import with_metric_keys
+from app.findings.metric_table import convert_old_titles
 from app.run.output.result_folder import zip_files
 from app.run.requests.convert import nested_fields
 from app.run.requests.parts import MAX_CLIPS
@@ -33,7 +33,7 @@ from conventions.names import (
 )
 from model.formats.reading import with_current_keys
 from model.storage.files import open_limited_zip, write_atomically
-from model.storage.json_validation import FieldError, read_json, rename_keys
+from model.storage.json_validation import InvalidJsonError, read_json, rename_keys
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
 BATCH = "batch.json"
@@ -66,9 +66,9 @@ _MAX_NAME_BYTES = 255
 def _stays_inside(name: str) -> str:
     folder, slash, own = name.rpartition("/")
     if slash and folder not in VIEWER_FOLDERS:
-        raise ValueError("it leads elsewhere")
+        raise ValueError("it points to another folder")
     if own in ("", ".", "..") or "\0" in own:
-        raise ValueError("it is outside of the folder")
+        raise ValueError("it is not a file name")
     if len(own.encode()) > _MAX_NAME_BYTES:
         raise ValueError(f"its name is longer than {_MAX_NAME_BYTES} bytes")
     return name
@@ -100,10 +100,11 @@ class _Strict(BaseModel):
 class FramesAvailable(_Strict):
     """Number of frames of a row so far, and their root transform."""
 
-    _former_keys = {"end": "num_ready", "place": "root_transform"}
+    _former_keys = {"end": "num_ready", "bytes": "num_bytes", "place": "root_transform"}
     num_ready: Count
     num_frames: Count
-    bytes: Count
+    num_bytes: Count
+    """Size so far (bytes) of the row's ``frames`` file."""
     root_transform: tuple[Number, Number, Number, Number]
     """Rotation about the vertical (rad), then translation (m)."""
 
@@ -111,8 +112,13 @@ class FramesAvailable(_Strict):
 class EditInfo(_Strict):
     """Origin of a motion with an edited plan."""
 
-    _former_keys = {"of": "original_row", "start": "parent_row", "fresh": "regenerated_s"}
-    number: Count
+    _former_keys = {
+        "number": "take_number",
+        "of": "original_row",
+        "start": "parent_row",
+        "fresh": "regenerated_s",
+    }
+    take_number: Count
     original_row: Name
     """Name of the run's unedited row."""
     parent_row: Name
@@ -166,7 +172,8 @@ class Row(_Strict):
         "there": "available",
         "take": "edit",
         "assumed": "assumptions",
-        "ending": "file_suffix",
+        "ending": "source_suffix",
+        "file_suffix": "source_suffix",
     }
     name: Name
     label: Name
@@ -178,15 +185,15 @@ class Row(_Strict):
         list[Annotated[AssumptionRecord, BeforeValidator(_current)]], Field(max_length=40)
     ] = []
     """Interpretation of the motion's file, if it was imported."""
-    file_suffix: Annotated[str, Field(pattern=_SUFFIX)] = ""
-    """Suffix of the imported file; see `safe_suffix`."""
+    source_suffix: Annotated[str, Field(pattern=_SUFFIX)] = ""
+    """Suffix of the imported file, see `safe_suffix`; empty for generated motion."""
 
 
 class FindingRecord(_Strict):
     """Finding of a motion; without a name, a statement on the motions that have none."""
 
-    _former_keys = {"at": "worst_time_s"}
-    name: Annotated[str, Field(max_length=520), AfterValidator(printable)] = ""
+    _former_keys = {"name": "motion_name", "at": "worst_time_s"}
+    motion_name: Annotated[str, Field(max_length=520), AfterValidator(printable)] = ""
     kind: Annotated[str, Field(max_length=80), AfterValidator(printable)] = ""
     sentence: Text
     worst_time_s: Number | None = None
@@ -196,8 +203,8 @@ class FindingRecord(_Strict):
 
 
 class VerdictRecord(_Strict):
-    _former_keys = {"judgement": "comparison"}
-    numbers: Text
+    _former_keys = {"numbers": "jerk_sentence", "judgement": "comparison"}
+    jerk_sentence: Text
     comparison: Text
 
 
@@ -206,7 +213,11 @@ class RunRecord(_Strict):
 
     _former_keys = {
         "sentence": "message",
-        "whole": "inputs_sha256",
+        "whole": "inputs_stamp",
+        "inputs_sha256": "inputs_stamp",
+        "point": "tracked_point",
+        "numbers": "metrics",
+        "missing": "pending_videos",
         "sound": "audio",
         "says": "figure_captions",
     }
@@ -227,10 +238,10 @@ class RunRecord(_Strict):
     noise_seed: Annotated[int, Field(ge=0)] | None = None
     """Seed of the noise of generated motion, computed from the requested seed and the speech file;
     None in runs of earlier versions, which used the requested seed."""
-    inputs_sha256: Annotated[str, Field(pattern=_SHA256)] = ""
-    """SHA-256 of all inputs that determine the files of one clip of several, set when it is
-    complete."""
-    point: Name
+    inputs_stamp: Annotated[str, Field(pattern=_SHA256)] = ""
+    """SHA-256 of the request and of names, sizes and times of its files; set when one clip of
+    several is complete."""
+    tracked_point: Name
     """Tracked fingertip or joint of the metrics."""
     rows: Annotated[list[Row], Field(max_length=MAX_ROWS)] = []
     audio: FileName | None = None
@@ -240,14 +251,14 @@ class RunRecord(_Strict):
     """Findings, the most severe first."""
     figure_captions: dict[Name, Text] = {}
     """Sentences on the metrics, by figure."""
-    numbers: Annotated[
+    metrics: Annotated[
         dict[Name, dict[FilterVersion, dict[Name, Number]]], Field(max_length=MAX_ROWS)
     ] = {}
     """Metrics by motion, filter and key of the metric; missing ones were not computed."""
     notes: Annotated[list[Text], Field(max_length=MAX_FINDINGS)] = []
     files: Annotated[list[FileName], Field(max_length=MAX_FINDINGS)] = []
     """Complete files."""
-    missing: Annotated[list[FileName], Field(max_length=MAX_FINDINGS)] = []
+    pending_videos: Annotated[list[FileName], Field(max_length=MAX_FINDINGS)] = []
     """Videos that are rendered after the run and are not complete yet, nor in a zip saved
     meanwhile. They remain listed if the rendering is abandoned."""
 
@@ -293,7 +304,7 @@ class RunRecord(_Strict):
         """The most severe findings, and the statement on motions that have none."""
         return [
             *self.findings[:NUM_TOP_FINDINGS],
-            *(each for each in self.findings[NUM_TOP_FINDINGS:] if not each.name),
+            *(each for each in self.findings[NUM_TOP_FINDINGS:] if not each.motion_name),
         ]
 
     def label(self, name: str) -> str:
@@ -324,7 +335,7 @@ def _numbers_by_key(numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Return metrics by motion and filter with keys in place of titles; others as they are."""
     return {
         name: {
-            version: with_metric_keys(values) if isinstance(values, dict) else values
+            version: convert_old_titles(values) if isinstance(values, dict) else values
             for version, values in of.items()
         }
         if isinstance(of, dict)
@@ -343,12 +354,8 @@ def noise_group(name: str) -> str | None:
     return f"{family} {sample.number}" if slash else None
 
 
-def check_file_stems(names: Iterable[str]) -> None:
-    """Check that no two names map to the same file name.
-
-    Raises:
-        RunError: with both names and the file name.
-    """
+def check_distinct_file_stems(names: Iterable[str]) -> None:
+    """Check that no two names map to the same file name; raises RunError naming both."""
     owners: dict[str, str] = {}
     for name in dict.fromkeys(names):
         other = owners.setdefault(safe_file_stem(name), name)
@@ -361,7 +368,7 @@ def check_file_stems(names: Iterable[str]) -> None:
 
 def make_rows(names: Sequence[str]) -> list[Row]:
     """Make rows with labels and colours; raises RunError if two would share their files."""
-    check_file_stems(names)
+    check_distinct_file_stems(names)
     labels = short_names(names)
     return [
         Row(name=name, label=labels[name], color=color)
@@ -376,7 +383,7 @@ def read_run(folder: Path) -> RunRecord:
         raise RunError(NO_RUN.format(name=name, why=f"{RUN} is missing"))
     try:
         return read_json(folder / RUN, RunRecord, MAX_RUN_BYTES)
-    except (FieldError, OverflowError, RecursionError) as error:
+    except (InvalidJsonError, OverflowError, RecursionError) as error:
         why = f"{RUN} is damaged: {error}"
         raise RunError(NO_RUN.format(name=name, why=why)) from None
 
@@ -409,12 +416,8 @@ def row_files(folder: Path, kind: RowFileKind) -> dict[str, Path]:
 
 
 @contextmanager
-def edit_record(folder: Path) -> Iterator[RunRecord]:
-    """Lock and read the record of a run's folder, and write its changes at the end of the block.
-
-    Raises:
-        RunError: as `read_run`.
-    """
+def locked_record(folder: Path) -> Iterator[RunRecord]:
+    """Lock and read a run's record, and write its changes after the block; may raise RunError."""
     place = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(place, fcntl.LOCK_EX)
@@ -428,7 +431,7 @@ def edit_record(folder: Path) -> Iterator[RunRecord]:
 def add_file(folder: Path, path: Path, row: str = "", kind: RowFileKind | None = None) -> None:
     """Add a file made after the end of a run to its folder; see `RunWriter.add_files`."""
     own = path.name
-    with edit_record(folder) as record:
+    with locked_record(folder) as record:
         (folder / own).unlink(missing_ok=True)
         os.link(path, folder / own)
         of = record.row(row)
@@ -436,20 +439,20 @@ def add_file(folder: Path, path: Path, row: str = "", kind: RowFileKind | None =
             of.files[kind] = own
         if own not in record.files:
             record.files.append(own)
-        record.missing = [name for name in record.missing if name != own]
+        record.pending_videos = [name for name in record.pending_videos if name != own]
 
 
 def declare_expected_videos(folder: Path, views: Sequence[str]) -> None:
-    """Record in `RunRecord.missing` the videos that will be rendered of a run's motions."""
-    with edit_record(folder) as record:
+    """Record in `RunRecord.pending_videos` the videos that will be rendered of a run's motions."""
+    with locked_record(folder) as record:
         names = [row.name for row in record.rows if row.edit is None and "motion" in row.files]
         videos = [video_file_name(name, view, views) for view in views for name in names]
-        record.missing = videos + [f"{COMPARISON}.mp4"] * (len(names) > 1)
+        record.pending_videos = videos + [f"{COMPARISON}.mp4"] * (len(names) > 1)
 
 
 def drop_unfinished_edits(folder: Path) -> None:
     """Remove takes that are incomplete."""
-    with edit_record(folder) as record:
+    with locked_record(folder) as record:
         for row in [row for row in record.rows if row.edit and "editor" not in row.files]:
             record.rows.remove(row)
             for name in row.files.values():
@@ -460,21 +463,21 @@ def drop_unfinished_edits(folder: Path) -> None:
 def mark_run_failed(folder: Path, sentence: str) -> bool:
     """Record the reason of a failure as visitors see it; return whether any motion was written."""
     try:
-        with edit_record(folder) as record:
+        with locked_record(folder) as record:
             record.state, record.message = "failed", truncate(sentence)
     except (RunError, OSError):
         return False  # the run had not started
     return any("motion" in row.files for row in record.rows)
 
 
-def save_run(paths: tuple[Path, Path], *_: object) -> None:
+def zip_run_task(folder_and_zip: tuple[Path, Path], *_: object) -> None:
     """Zip a folder into a file, as a task."""
-    zip_run(*paths)
+    zip_run(*folder_and_zip)
 
 
 def zip_run(folder: Path, out: Path) -> Path:
     """Zip all files of a run, or of the runs of several clips with their tables."""
-    return zip_files(files_of_run(folder), out, below=folder)
+    return zip_files(files_of_run(folder), out, relative_to=folder)
 
 
 def files_of_run(folder: Path) -> list[Path]:

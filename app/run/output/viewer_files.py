@@ -15,7 +15,7 @@ from model.plan.files import read_plan_file, write_plan_file
 from model.plan.kinds import Position
 from model.plan.plan import PlanError, Side
 from model.speech.transcript import TranscriptSource
-from model.storage.json_validation import STRICT, FieldError, read_json
+from model.storage.json_validation import STRICT, InvalidJsonError, read_json
 
 MAX_POINTS = 1800
 """Maximum number of points of a curve: every frame of a minute. Longer clips keep the maximum of
@@ -39,11 +39,13 @@ class WorstSecond(TypedDict):
     """Second with the highest jerk, or with a joint that snaps."""
 
     name: str
+    """Name of the motion."""
     start_s: float
     end_s: float
     jerk_m_s3: NotRequired[float]
     joint: NotRequired[str]
     snap_deg: NotRequired[float]
+    """Angle by which the joint jumps."""
     is_gravest: NotRequired[bool]
     """True if the snap is the most severe finding of its motion."""
 
@@ -54,7 +56,7 @@ class Timeline(TypedDict):
     duration_s: float
     fps: int
     peaks: Annotated[list[int], Field(max_length=NUM_PEAKS)]
-    """Waveform, 0 to 100."""
+    """Magnitude of the waveform by bar, 0 to 100."""
     onsets_s: list[float]
     heard_accents: list[tuple[float, float]]
     """Time (s) and strength of the accents found by the speech encoder."""
@@ -84,7 +86,7 @@ class EditableGesture(TypedDict):
     """Duration of the holds after the stroke."""
     kind: str
     partner: float | None
-    """Stroke end of the other hand's gesture, if both are one."""
+    """Stroke end of the other hand's part if the gesture is of both hands."""
 
 
 class PlanEditorData(TypedDict):
@@ -118,7 +120,7 @@ def read_timeline(folder: Path, record: RunRecord) -> dict[str, Any]:
     return {} if path is None else {**_read(path, _TimelineFile).root}
 
 
-def check_viewer_files(folder: Path) -> None:
+def check_and_complete_viewer_files(folder: Path) -> None:
     """Check the viewer's files of a run from elsewhere, and complete its gesture plans.
 
     The viewer needs every list of a plan, and a plan's file may lack empty ones.
@@ -142,5 +144,5 @@ def check_viewer_files(folder: Path) -> None:
 def _read(path: Path, kind: type[T]) -> T:
     try:
         return read_json(path, kind, MAX_RUN_BYTES)
-    except FieldError as error:
+    except InvalidJsonError as error:
         raise RunError(DAMAGED.format(name=path.name, why=error)) from None

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from app import text
 from app.errors import RunError
-from app.run.bodies import make_tracked_point
+from app.run.bodies import make_point_tracker
 from app.run.callbacks import FolderUpdated, RunCallbacks
 from app.run.generated_motions import generation_options
 from app.run.models import get_system
@@ -23,8 +23,8 @@ from app.run.output.run_folder import (
     EditInfo,
     Row,
     RunRecord,
-    edit_record,
     existing_file,
+    locked_record,
     make_rows,
     read_run,
     viewer_file_name,
@@ -39,27 +39,26 @@ from model.generation.base import System
 from model.generation.regenerate import (
     STATE_SUFFIX,
     GenerationState,
-    load_state,
     regenerate,
-    save_state,
+    restore_state,
+    save_windows,
 )
 from model.generation.windows import GenerateOptions
 from model.motion.motion import Motion, load_motion
 from model.motion.transforms import apply_post_filter
-from model.plan.editing import Gesture as Which
-from model.plan.editing import other_hand_gesture
+from model.plan.editing import GestureKey, other_hand_gesture
 from model.plan.files import read_plan_file
 from model.plan.kinds import (
     HOLD_S,
     PREPARATION_S,
     STROKE_S,
     TWO_HANDED_KINDS,
-    USUAL_STROKE_ENDS,
-    gesture_spans,
+    USUAL_STROKE_GOALS,
+    group_gesture_phases,
 )
 from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
-from model.speech.audio import Speech, SpeechLimits, load_speech
+from model.speech.audio import Speech, SpeechReadOptions, load_speech
 from model.speech.transcript import Word
 from model.storage.json_validation import read_json, type_adapter
 
@@ -74,7 +73,7 @@ class _TakeWriter(RunWriter):
     """Writer of one more row into the folder of a finished run."""
 
     def write_record(self) -> None:
-        with edit_record(self.folder.out) as record:
+        with locked_record(self.folder.out) as record:
             for row in self.record.rows:
                 record.set_row(row)
             record.files += [name for name in self.record.files if name not in record.files]
@@ -100,16 +99,18 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
             f"This speech lasts {plan.duration_s:.0f} s; gestures can be edited in speech of at "
             f"most {MAX_EDITED_S:.0f} s. Generate motion for a part of it instead."
         )
-    numbers = [row.edit.number for row in record.rows if row.edit]
+    numbers = [row.edit.take_number for row in record.rows if row.edit]
     if request.edits and len(numbers) >= MAX_TAKES:
         raise RunError(text.TOO_MANY_TAKES.format(limit=MAX_TAKES))
     require_free_space(request.run, int(_BYTES_A_SECOND * plan.duration_s))
     of = start.edit.original_row if start.edit else start.name
     sample = SampleName.parse(of)
     system = get_system(sample.system, sampling.weights)
-    speech = load_speech(sound, SpeechLimits(max_s=request.max_speech_s))
+    speech = load_speech(sound, SpeechReadOptions(max_s=request.max_speech_s))
     with ResultFolder(request.run, is_incremental=True) as folder:
-        options = generation_options(sampling, system, samples=1, first_sample=sample.number - 1)
+        options = generation_options(
+            sampling, system, num_samples=1, first_sample=sample.number - 1
+        )
         before = _ready(request.run, start, system, speech, options, plan, words, callbacks)
         if not request.edits:
             return EditResult(0)
@@ -124,8 +125,8 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
         name = f"{of}.take{number}"
         row = make_rows([*(each.name for each in record.rows), name])[-1]
         row.label = f"version {number}"
-        row.edit = take = EditInfo(number=number, original_row=of, parent_row=start.name)
-        alone = RunRecord(kind=record.kind, point=record.point, rows=[row])
+        row.edit = take = EditInfo(take_number=number, original_row=of, parent_row=start.name)
+        alone = RunRecord(kind=record.kind, tracked_point=record.tracked_point, rows=[row])
         (row,) = alone.rows
         run = _TakeWriter(folder, alone, callbacks)
         written = run.write_plan(name, done.plan)
@@ -133,13 +134,13 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
 
         def on_piece(motion: Motion) -> None:
             if sampling.post_filter != "savgol":
-                run.append_motion(name, motion, speech.num_frames, aligned_like=beside)
+                run.append_motion(name, motion, speech.num_motion_frames, aligned_like=beside)
 
         options = replace(options, conditions=(written,))
         made = regenerate(system, speech, options, before, callbacks.should_cancel, on_piece)
         take.regenerated_s = [(part.start / FPS, part.stop / FPS) for part in made.changed_frames]
         row.files["state"] = viewer_file_name(name, STATE_SUFFIX)
-        save_state(made, request.run / row.files["state"])
+        save_windows(made, request.run / row.files["state"])
         shown = apply_post_filter(made.motion, sampling.post_filter)
         run.write_motion(name, shown, f"{safe_file_stem(name)}.npz")
         _tell(request.run, row, written, words)
@@ -163,8 +164,8 @@ def _add_curves(
         return ()
     timeline = read_json(path, dict[str, Any], MAX_RUN_BYTES)
     version = version_after_post_filter(post_filter)
-    tip = make_tracked_point(request.body, record.point)
-    curves = timeline["curves"] | {row.name: motion_curves(motion, version, tip)}
+    tracker = make_point_tracker(request.body, record.tracked_point)
+    curves = timeline["curves"] | {row.name: motion_curves(motion, version, tracker)}
     run.write_timeline(timeline | {"curves": curves})
     jerk = [
         f"{np.mean(of[version]['jerk_m_s3']['values']):.0f}"
@@ -188,13 +189,13 @@ def _ready(
     windows = existing_file(folder, row.files.get("state"))
     if windows is not None:
         motion = load_motion(_there(folder, read_run(folder), row.name))
-        return load_state(windows, system, plan, motion)
+        return restore_state(windows, system, plan, motion)
     performed = replace(options, conditions=(plan,))
     made = regenerate(system, speech, performed, None, callbacks.should_cancel)
     row.files["state"] = viewer_file_name(row.name, STATE_SUFFIX)
-    save_state(made, folder / row.files["state"])
+    save_windows(made, folder / row.files["state"])
     _tell(folder, row, plan, words)
-    with edit_record(folder) as record:
+    with locked_record(folder) as record:
         record.set_row(row)
     return made
 
@@ -218,12 +219,12 @@ def _there(folder: Path, record: RunRecord, name: str) -> Path:
 def plan_editor_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     """Return the plan editor's JSON: gestures, style parameters and available gesture types."""
     gestures = []
-    for stroke in gesture_spans(plan):
-        phases = plan.hand(stroke.side)[stroke.first_phase : stroke.last_phase + 1]
+    for stroke in group_gesture_phases(plan):
+        phases = plan.hand(stroke.side)[stroke.first_index : stroke.last_index + 1]
         lands = stroke.last_stroke
         holds = [each for each in phases if each.phase == "hold" and each.start_s >= lands.end_s]
         hold_s = sum(each.end_s - each.start_s for each in holds)
-        partner = other_hand_gesture(plan, Which(stroke.side, lands.end_s))
+        partner = other_hand_gesture(plan, GestureKey(stroke.side, lands.end_s))
         gestures.append({
             "side": stroke.side, "start": phases[0].start_s, "end": phases[-1].end_s,
             "lands": lands.end_s, "hold": round(hold_s, 4), "kind": lands.kind,
@@ -234,9 +235,9 @@ def plan_editor_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]
         "style": {name: round(value, 4) for name, value in asdict(style_of(plan)).items()},
         "kinds": {
             kind: "both" if kind in TWO_HANDED_KINDS else "right"
-            for kind in sorted(USUAL_STROKE_ENDS)
+            for kind in sorted(USUAL_STROKE_GOALS)
         },
-        "places": dict(USUAL_STROKE_ENDS),
+        "places": dict(USUAL_STROKE_GOALS),
         "around": [-STROKE_S - PREPARATION_S, HOLD_S],
         "words": [[word.start_s, word.end_s, word.text] for word in words],
     }

@@ -13,7 +13,7 @@ from typing_extensions import TypedDict
 from app.errors import RunError
 from conventions.names import printable
 from model.plan import editing
-from model.plan.editing import TIME_TOLERANCE_S, Gesture, Hands, NoRoomError
+from model.plan.editing import TIME_TOLERANCE_S, GestureKey, Hands, NoRoomError
 from model.plan.files import check_plan_suffix, parse_plan
 from model.plan.plan import (
     SIDES,
@@ -23,9 +23,9 @@ from model.plan.plan import (
     Nod,
     PlanError,
     PlanResult,
-    Point,
+    PointEvent,
     Side,
-    Span,
+    SpanEvent,
 )
 from model.plan.style import LIMITS, StyleChange
 from model.speech.transcript import Word
@@ -49,12 +49,13 @@ ApplyEdit = Callable[[GesturePlan, Values, Words], PlanResult]
 class Edit:
     """Edit of a gesture plan: its kind and values."""
 
-    do: str
+    kind: str
+    """A key of `EDIT_KINDS`."""
     values: Values
 
     def as_json(self) -> dict[str, Any]:
         """Return the edit as JSON, as it was received."""
-        return {"do": self.do, **self.values}
+        return {"do": self.kind, **self.values}
 
 
 @dataclass(frozen=True)
@@ -95,25 +96,17 @@ class PlanEditRequest:
 class EditResult:
     """Result of a plan edit."""
 
-    number: int
+    take_number: int
     """Number of the take; 0 if the row was only prepared."""
     notes: tuple[str, ...] = ()
-    """Sentences on corrections of the plan, or on why the edit was not done if there are
-    alternatives."""
+    """Sentences on corrections, or on why the edit was not done if there are alternatives."""
     suggestions: tuple[EditSuggestion, ...] = ()
 
 
 def parse_edits(message: object) -> tuple[Edit, ...]:
-    """Parse a list of edits.
-
-    Args:
-        message: list of objects, as written by app/page/web/player/editing.js.
-
-    Raises:
-        RunError: if it is anything else.
-    """
+    """Parse a list of edits as app/page/web/player/editing.js writes it; may raise RunError."""
     if not isinstance(message, list) or len(message) > MAX_EDITS:
-        raise RunError(f"Edits must be a list of at most {MAX_EDITS}.")
+        raise RunError(f"Edits must be a list of at most {MAX_EDITS} edits.")
     return tuple(_edit(one) for one in message)
 
 
@@ -128,7 +121,7 @@ def apply_edits(plan: GesturePlan, edits: Sequence[Edit], words: Words) -> PlanR
     """
     done = PlanResult(plan)
     for edit in edits:
-        done = done.then(lambda new, one=edit: EDIT_KINDS[one.do].apply(new, one.values, words))
+        done = done.then(lambda new, one=edit: EDIT_KINDS[one.kind].apply(new, one.values, words))
     return done
 
 
@@ -150,14 +143,14 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSugg
         apply_edits(plan, (edit,), words)
     except NoRoomError as error:
         suggestions = []
-        if edit.do in ("add", "move"):
+        if edit.kind in ("add", "move"):
             stroke_end_s, _ = _place(edit.values, words)
             steps = range(1, 1 + round(plan.duration_s / STEP_S))
             places = (
                 round(stroke_end_s + by * STEP_S, 3) for step in steps for by in (step, -step)
             )
             others = {name: value for name, value in edit.values.items() if name != "word"}
-            moved = (Edit(edit.do, {**others, "at": at}) for at in places if at >= 0)
+            moved = (Edit(edit.kind, {**others, "at": at}) for at in places if at >= 0)
             suggestion = next((each for each in moved if can_be(each)), None)
             if suggestion is not None:
                 suggestions.append(
@@ -167,8 +160,10 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSugg
                 )
         if error.gesture is not None:
             one = {"side": error.gesture.side, "lands": error.gesture.stroke_end_s}
-            kind = repr(error.kind.replace("_", " ")) if error.kind else "existing"
-            instead = EditSuggestion(f"Replace the {kind} gesture", (Edit("delete", one), edit))
+            gesture_kind = repr(error.kind.replace("_", " ")) if error.kind else "existing"
+            instead = EditSuggestion(
+                f"Replace the {gesture_kind} gesture", (Edit("delete", one), edit)
+            )
             suggestions += [instead] if can_be(*instead.edits) else []
         return tuple(suggestions)
     except (PlanError, RunError):
@@ -193,7 +188,9 @@ def _edit(message: object) -> Edit:
     kind = EDIT_KINDS.get(do) if isinstance(do, str) else None
     if not isinstance(do, str) or kind is None:
         kinds = ", ".join(EDIT_KINDS)
-        raise RunError(f"There is no edit {printable(str(do))[:40]!r}; choose from {kinds}.")
+        raise RunError(
+            f"There is no kind of edit {printable(str(do))[:40]!r}; choose from {kinds}."
+        )
     try:
         values = kind.validator.validate_python({k: v for k, v in message.items() if k != "do"})
     except ValidationError as error:
@@ -203,8 +200,8 @@ def _edit(message: object) -> Edit:
     return Edit(do, values)
 
 
-def _gesture(values: Values) -> Gesture:
-    return Gesture(values["side"], values["lands"])
+def _gesture(values: Values) -> GestureKey:
+    return GestureKey(values["side"], values["lands"])
 
 
 def _place(values: Values, words: Words) -> tuple[float, str | None]:
@@ -214,7 +211,7 @@ def _place(values: Values, words: Words) -> tuple[float, str | None]:
     if values["word"] >= len(words):
         raise RunError(f"The transcript has only {len(words)} words; choose one of them.")
     word = words[values["word"]]
-    return editing.stroke_time_on_word(word), word.text.lower()[:80]
+    return editing.default_stroke_end_on_word(word), word.text.lower()[:80]
 
 
 def _word_at(words: Words, at_s: float) -> str:
@@ -275,12 +272,14 @@ def _end(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
 def _look(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     end_s = min(plan.duration_s, values["at"] + values.get("lasts", LOOK_S))
     if end_s <= values["at"]:
-        raise PlanError(f"The speech ends at {plan.duration_s:.2f} s; gaze must begin before.")
-    return editing.with_event(plan, Gaze(values["at"], end_s, values["yaw"], values["pitch"]))
+        raise PlanError(
+            f"The speech ends at {plan.duration_s:.2f} s; a gaze shift must begin before that."
+        )
+    return editing.add_event(plan, Gaze(values["at"], end_s, values["yaw"], values["pitch"]))
 
 
 def _remove(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
-    def off(event: Span | Point) -> float:
+    def off(event: SpanEvent | PointEvent) -> float:
         return abs(event.start_s - values["at"])
 
     events = getattr(plan, values["list"])
@@ -293,7 +292,7 @@ def _remove(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
 
 def _style(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     numbers = {name: value for name, value in values.items() if name != "excite"}
-    return StyleChange(numbers, excite=values.get("excite", 0.0)).apply(plan, words)
+    return StyleChange(numbers, arousal=values.get("excite", 0.0)).apply(plan, words)
 
 
 def _plan(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
@@ -339,12 +338,12 @@ EDIT_KINDS: Mapping[str, EditKind] = {
     "height": _kind(_of_both(editing.raise_gesture, "by"), **_one, by=_within(-1, 1)),
     "speed": _kind(_of_both(editing.scale_gesture_speed, "speed"), **_one, speed=_within(0.2, 5)),
     "nod": _kind(
-        lambda plan, values, *_: editing.with_event(
+        lambda plan, values, *_: editing.add_event(
             plan, Nod(values["at"], values.get("depth", NOD_DEG))),
         at=_Second, depth=NotRequired[_within(1, 30)],
     ),
     "blink": _kind(
-        lambda plan, values, *_: editing.with_event(plan, Blink(values["at"])), at=_Second
+        lambda plan, values, *_: editing.add_event(plan, Blink(values["at"])), at=_Second
     ),
     "look": _kind(
         _look, at=_Second, lasts=NotRequired[_within(0.2, 60)], yaw=_within(-60, 60),

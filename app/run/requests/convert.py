@@ -12,7 +12,7 @@ from typing import Any, TypeVar, get_type_hints
 from tyro.constructors import PrimitiveConstructorSpec
 
 from app.errors import RunError
-from app.flags import Switch
+from app.flags import CheckboxValues
 from app.run.requests.parts import LiveRecording
 from conventions.names import join_names, printable
 
@@ -23,6 +23,20 @@ FORMER_FIELD_NAMES: Mapping[str, str] = {
     "opened": "source_run",
     "shown": "visible",
     "is_kept": "is_incremental",
+    "joint": "tracked_point",
+    "words": "word_source",
+    "window": "generation_window_frames",
+    "overlap": "window_overlap_frames",
+    "figure_forms": "figure_formats",
+    "size": "picture_height_px",
+    "has_poses": "has_figure_poses",
+    "is_empty": "writes_empty_plan",
+    "frame": "mesh_frame",
+    "sheet_every": "contact_sheet_interval",
+    "seeds": "num_seeds",
+    "speeches": "inputs",
+    "counts": "step_counts",
+    "flame_to_arkit": "flame_to_arkit_matrix",
 }
 """Former names of fields, which programs and files may still use."""
 PRIVATE_FIELDS = frozenset(
@@ -34,7 +48,7 @@ PRIVATE_FIELDS = frozenset(
         "source_run",
         "live_recording",
         "title",
-        "max_frames",
+        "max_total_frames",
     )
 )
 """Fields that no file of a run contains: locations of files, and what users do not choose."""
@@ -100,11 +114,7 @@ def accepted_field_names(kind: type) -> frozenset[str]:
 
 
 def request_from(kind: type[Request], values: Mapping[str, Any]) -> Request:
-    """Make a request from values by field name, with the defaults for missing ones.
-
-    Raises:
-        RunError: if there is no field of a name.
-    """
+    """Make a request from values by field name, or defaults; raises RunError for unknown names."""
     _check_names(kind, values)
     return _make_request(kind, nested_fields(kind, values))
 
@@ -128,11 +138,7 @@ def nested_fields(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def replace_fields(request: Request, **values: Any) -> Request:
-    """Return the request with some fields replaced, by name and across its parts.
-
-    Raises:
-        RunError: if there is no field of a name.
-    """
+    """Return the request with fields of any part replaced; raises RunError for unknown names."""
     _check_names(type(request), values)
     return _replaced(request, nested_fields(type(request), values))
 
@@ -147,9 +153,9 @@ def _replaced(request: Any, values: Mapping[str, Any]) -> Any:
     return replace(request, **changed)
 
 
-def flat_json(request: object) -> dict[str, Any]:
-    """Return `request_json` with field names as keys, without the nesting by part."""
-    nested = request_json(request)
+def flat_public_fields(request: object) -> dict[str, Any]:
+    """Return `public_fields` by name without the nesting by part, from which no request is made."""
+    nested = public_fields(request)
     return {
         name: reduce(getitem, field.path, nested)
         for name, field in request_fields(type(request)).items()
@@ -189,26 +195,17 @@ def parse_field(kind: type, name: str, value: object) -> Any:
     for mark in getattr(request_field(kind, name).type, "__metadata__", ()):
         if isinstance(value, str) and isinstance(mark, PrimitiveConstructorSpec):
             return mark.instance_from_str([value.strip()])
-        if isinstance(value, bool) and isinstance(mark, Switch):
-            return mark.on if value else mark.off
+        if isinstance(value, bool) and isinstance(mark, CheckboxValues):
+            return mark.checked if value else mark.unchecked
     return value
 
 
-def refuse_ignored(request: object, names: Sequence[str], why: str, **usual: Any) -> None:
-    """Refuse fields that a command would ignore, if they differ from their defaults.
-
-    Args:
-        names: fields that the command does not use.
-        why: first clause of the error message.
-        usual: accepted values in addition to the defaults.
-
-    Raises:
-        RunError: with the names of the flags.
-    """
+def refuse_ignored(request: object, names: Sequence[str], why: str, **accepted: Any) -> None:
+    """Refuse fields, set to other than default or accepted values, that a command would ignore."""
     ignored = []
     for name in names:
         field = request_field(type(request), name)
-        if field.value(request) not in (field.default, usual.get(name, field.default)):
+        if field.value(request) not in (field.default, accepted.get(name, field.default)):
             marks = getattr(field.type, "__metadata__", ())
             flag = next((mark.name for mark in marks if getattr(mark, "name", None)), name)
             ignored.append(f"--{flag.replace('_', '-')}")
@@ -230,7 +227,7 @@ def map_paths(request: Request, change: Callable[[Path], Path]) -> Request:
     return replace(request, **changed)  # type: ignore[type-var]
 
 
-def request_json(request: object) -> dict[str, Any]:
+def public_fields(request: object) -> dict[str, Any]:
     """Return a request for JSON, without private fields and with names in place of paths."""
     return {
         of.name: _json_value(getattr(request, of.name))
@@ -247,5 +244,5 @@ def _json_value(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_json_value(each) for each in value]
     if is_dataclass(value):
-        return request_json(value)
+        return public_fields(value)
     return value if isinstance(value, int | float | None) else printable(str(value))

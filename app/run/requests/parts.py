@@ -9,21 +9,21 @@ from typing import Annotated, Any, Literal, get_args
 
 from tyro.conf import Positional, Suppress, arg
 
-from app.config import BUNDLED_WEIGHTS, default_body
+from app.config import BUNDLED_WEIGHTS, body_from_environment
 from app.errors import RunError
 from app.flags import (
+    CheckboxValues,
     File,
     FileOrDefault,
     MinutesFlag,
     Names,
-    Switch,
     Text,
     choice_type,
     negative_flag,
     parse_count,
-    parse_names,
+    parse_names_or_all,
+    parsed_type,
     subset_type,
-    text_type,
 )
 from app.run.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
@@ -69,11 +69,7 @@ def steps_for(steps: Steps, system: str) -> int | None:
 
 
 def parse_steps(value: str) -> int | dict[str, int] | None:
-    """Parse ``20`` or ``globaldiff/full=20,globaldiff/local=5``; an empty text gives None.
-
-    Raises:
-        RunError: if the text is neither.
-    """
+    """Parse ``20`` or ``globaldiff/full=20,globaldiff/local=5``, "" as None; raises RunError."""
     parts = [part.strip() for part in value.split(",") if part.strip()]
     if not parts:
         return None
@@ -116,9 +112,9 @@ def parse_channel(value: str) -> int:
     return int(value) - 1
 
 
-def parse_frames(value: str) -> tuple[int, ...]:
+def parse_snapshot_frames(value: str) -> tuple[int, ...]:
     """Parse ``0,40,80`` into sorted frame indices; raises RunError for none or too many."""
-    names = parse_names(value)
+    names = parse_names_or_all(value)
     if not all(name.isdecimal() for name in names) or not 1 <= len(names) <= MAX_SNAPSHOTS:
         raise RunError(f"{value!r} is not a list of 1 to {MAX_SNAPSHOTS} frames, such as 0,40,80")
     return tuple(sorted({int(name) for name in names}))
@@ -139,15 +135,15 @@ def parse_expected(text: str) -> tuple[tuple[str, float], ...]:
     """
     from model.metrics.protocols.table import PROTOCOLS
 
-    names = {name for record in PROTOCOLS.values() for name in record.names}
+    names = {name for record in PROTOCOLS.values() for name in record.metric_names}
     expected = []
-    for part in parse_names(text):
+    for part in parse_names_or_all(text):
         name, _, value = (word.strip() for word in part.rpartition("="))
         try:
             expected.append((name, float(value)))
         except ValueError:
             raise RunError(
-                f"Expected values are numbers by metric, such as fgd=4.2; got {part!r}."
+                f"Expected values must be METRIC=NUMBER, such as fgd=4.2; got {part!r}."
             ) from None
         if name not in names:
             raise RunError(f"There is no metric {name!r}; choose from {', '.join(sorted(names))}.")
@@ -165,13 +161,13 @@ def check_steps(steps: Steps) -> None:
     """Check the numbers of sampling steps; raises RunError."""
     for system, count in steps.items() if isinstance(steps, Mapping) else [("", steps)]:
         if count is not None and not 1 <= count <= MAX_STEPS:
-            which = f"Steps of {system}" if system else "Steps"
-            raise RunError(f"{which} must be 1 to {MAX_STEPS}; got {count}.")
+            which = f"steps of {system}" if system else "steps"
+            raise RunError(f"The number of {which} must be from 1 to {MAX_STEPS}; got {count}.")
 
 
 OverridesFlag = Annotated[
     ImportOverrides,
-    text_type(parse_overrides, "WHAT=VALUE,...", show=lambda overrides: "nothing"),
+    parsed_type(parse_overrides, "WHAT=VALUE,...", show=lambda overrides: "nothing"),
     arg(
         name="assume",
         help="How to interpret motion files that lack metadata, for example up=z,units=cm,rate=25 "
@@ -179,7 +175,7 @@ OverridesFlag = Annotated[
         "motion=2, frames=bridge, lag=.4 (docs/formats.md). NAME:up=z applies to one file only.",
     ),
 ]
-Channel = Annotated[int | None, text_type(parse_channel, "left|right|N", "all, mixed")]
+Channel = Annotated[int | None, parsed_type(parse_channel, "left|right|N", "all, mixed")]
 CloseUps = Annotated[
     tuple[CloseUp, ...],
     subset_type(
@@ -187,7 +183,7 @@ CloseUps = Annotated[
     ),
     arg(name="close-up"),
 ]
-FigureForms = Annotated[
+FigureFormats = Annotated[
     tuple[str, ...],
     subset_type(
         FIGURE_FORMATS, "there is no figure format {name!r}; choose from {names}", "png,svg,..."
@@ -196,7 +192,7 @@ FigureForms = Annotated[
 ]
 FigureFrames = Annotated[
     tuple[int, ...],
-    text_type(parse_frames, "N,...", "every 50 from --start"),
+    parsed_type(parse_snapshot_frames, "N,...", "every 50 from --start"),
     arg(name="frames"),
 ]
 FigurePanels = Annotated[
@@ -207,16 +203,18 @@ FigurePanels = Annotated[
     arg(name="panels"),
 ]
 FigureWidth = Literal["85mm", "174mm"]
-Height = Annotated[int, text_type(parse_size, "PX")]
+Height = Annotated[int, parsed_type(parse_size, "PX"), arg(name="size")]
 BodyLook = Annotated[str, choice_type(BODY_LOOKS)]
-PerSystem = Annotated[Steps, text_type(parse_steps, "N|A=N,...", "default of each system")]
-Sampler = Annotated[str | None, text_type(str, "NAME", "default of each system")]
-GuidanceScale = Annotated[float | None, text_type(float, "N", "default of each system")]
+PerSystem = Annotated[Steps, parsed_type(parse_steps, "N|A=N,...", "default of each system")]
+Sampler = Annotated[str | None, parsed_type(str, "NAME", "default of each system")]
+GuidanceScale = Annotated[float | None, parsed_type(float, "N", "default of each system")]
 Views = Annotated[
     tuple[View, ...], subset_type(VIEWS, "there is no view {name!r}; choose from {names}", "V,...")
 ]
 Window = Annotated[
-    int | None, text_type(parse_count, "N", "all periods from 2 to 240 frames are tested")
+    int | None,
+    parsed_type(parse_count, "N", "all periods from 2 to 240 frames are tested"),
+    arg(name="window"),
 ]
 
 
@@ -233,12 +231,14 @@ class SpeechInput:
     """Transcript: a TextGrid or subtitles with times, or plain English text (.txt), which is then
     aligned with the speech automatically. Its words are shown in the timeline, and
     `workbench/planned` chooses and times gestures by them; no metric uses them."""
-    words: Annotated[WordSource, Switch("recognise", "none")] = "none"
+    word_source: Annotated[WordSource, CheckboxValues("recognise", "none"), arg(name="words")] = (
+        "none"
+    )
     """Recognise English words if there is no transcript. This takes about a fifth of the speech's
     duration on one core."""
 
     def check(self) -> None:
-        check_choice(self.words, WORD_SOURCES, "word source")
+        check_choice(self.word_source, WORD_SOURCES, "word source")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,11 +258,11 @@ class GenerationSpeech(SpeechInput):
 
 @dataclass(frozen=True, kw_only=True)
 class PlanSource(SpeechInput):
-    """Speech recording to sample a plan from, or motion to detect its plan."""
+    """Speech recording to sample a plan from, or a motion file to detect the plan of."""
 
     path: Annotated[
         Positional[Path],
-        arg(metavar="SPEECH", help="Audio file, or a motion file whose plan is detected."),
+        arg(metavar="SPEECH", help="Audio file, or a motion file to detect a plan from."),
     ] = field()
 
 
@@ -291,19 +291,22 @@ class SamplingOptions:
         ),
     ] = None
     guidance: GuidanceScale = None
-    """Guidance scale of the speech (classifier-free guidance), 0 (speech ignored) to 10. 1 is as
-    trained and as in the papers' code. It applies to systems that support guidance; for
-    `workbench/planned` it is the scale of the planner, and that of its motion is fixed."""
-    post_filter: Annotated[PostFilter, Switch("savgol", "none")] = "none"
+    """Guidance scale of the speech (classifier-free guidance), 0 (speech ignored) to 10; 1 (as
+    trained) is the value in the papers' code. It applies to systems that support guidance; for
+    `workbench/planned` it is the scale of the planner, and that of the motion generator is
+    fixed."""
+    post_filter: Annotated[PostFilter, CheckboxValues("savgol", "none")] = "none"
     """Smooth the motion of every system. Metrics are computed for both raw and smoothed motion."""
 
     def check(self) -> None:
         check_choice(self.post_filter, POST_FILTERS, "post-filter")
         if not 1 <= self.samples <= MAX_SAMPLES:
-            raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {self.samples}.")
+            raise RunError(
+                f"The number of samples must be from 1 to {MAX_SAMPLES}; got {self.samples}."
+            )
         check_steps(self.steps)
         if self.guidance is not None and not 0 <= self.guidance <= MAX_GUIDANCE:
-            raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {self.guidance:g}.")
+            raise RunError(f"Guidance must be from 0 to {MAX_GUIDANCE}; got {self.guidance:g}.")
         if self.seed < 0:
             raise RunError(f"The seed must not be negative; got {self.seed}.")
 
@@ -345,15 +348,15 @@ class MotionInput:
     ]
     names: Suppress[tuple[str, ...]] = ()
     """Names of the motions; by default their file names."""
-    window: Window = None
-    """Window length, in frames, with which all motions except the reference were generated, if
+    generation_window_frames: Window = None
+    """Window length (frames) with which all motions except the reference were generated, if
     known."""
-    overlap: int = 0
+    window_overlap_frames: Annotated[int, arg(name="overlap")] = 0
     """Overlap of these windows in frames."""
     visible: Annotated[Names, arg(name="show", help_behavior_hint="")] = ()
     """Motions to show in figures and viewer, by file name, if there are more than six; by default
     the first six. Metrics are computed for all."""
-    max_frames: Suppress[int | None] = None
+    max_total_frames: Suppress[int | None] = None
     """Maximum number of frames of all motions together, at 30 frames per second."""
     source_run: Suppress[Path | None] = None
     """Folder of the run that the motions come from, if an existing run is opened and measured
@@ -365,15 +368,15 @@ class MetricOptions:
     """Files of other projects' evaluation code, for metrics that are comparable with papers."""
 
     mean_speeds: File = None
-    """EMAGE's mean_vel_smplxflame_30.npy (BEAT2's folder weights): compute BeatAlign with its
+    """EMAGE's mean_vel_smplxflame_30.npy (BEAT2's "weights" folder): compute BeatAlign with its
     published joint speeds, for comparison with papers."""
     emage_weights: File = None
     """EMAGE's AESKConv_240_100.bin, for FGD as papers on BEAT2 report it; for folders of motions
     with --reference (docs/many-clips.md)."""
     genea_weights: Annotated[
         tuple[Path, ...],
-        text_type(
-            lambda text: tuple(map(Path, parse_names(text))),
+        parsed_type(
+            lambda text: tuple(map(Path, parse_names_or_all(text))),
             "FILE,...",
             "none",
             lambda paths: ",".join(map(str, paths)),
@@ -382,11 +385,11 @@ class MetricOptions:
     """GENEA's model_checkpoint_30, _60 and _90.bin, one or several, for FGD as its evaluations
     report it; for folders of motions with --reference."""
     semantics: File = None
-    """BEAT's labels of semantic relevance, for SRGR: one file of BEAT's folder sem; for folders of
-    motions, the folder sem."""
+    """BEAT's labels of semantic relevance, for SRGR: one file of BEAT's "sem" folder; for folders
+    of motions, that folder."""
     expected: Annotated[
         tuple[tuple[str, float], ...],
-        text_type(parse_expected, "NAME=N,...", "none"),
+        parsed_type(parse_expected, "NAME=N,...", "none"),
         arg(name="expect"),
     ] = ()
     """Values that a paper reports, such as fgd=4.2,beats/emage=.77. A table shows how much the
@@ -408,7 +411,7 @@ class FigureOptions:
     """Frames of the snapshots in Figure 6."""
     figure_width: Annotated[FigureWidth, arg(name="width")] = "174mm"
     """Width of Figure 6 in print."""
-    figure_forms: FigureForms = FIGURE_FORMATS
+    figure_formats: FigureFormats = FIGURE_FORMATS
     """File formats of all figures."""
 
 
@@ -416,7 +419,7 @@ class FigureOptions:
 class VideoOptions:
     """Body, and appearance of videos."""
 
-    body: FileOrDefault = field(default_factory=default_body)
+    body: FileOrDefault = field(default_factory=body_from_environment)
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
     open body."""
     look: BodyLook = BODY_LOOKS[0]
@@ -428,10 +431,10 @@ class VideoOptions:
     """Close-ups of face or hands next to the body, in videos of the first view and in the
     comparison."""
     framing: Framing = "knees"
-    """Visible part of the body: the whole, or larger and from the knees up."""
-    size: Height = 512
-    """Height of a body in one video (pixels). The width is the same if the whole body is shown, and
-    three quarters of it from the knees up. A close-up adds half the width."""
+    """Visible part of the body: the whole body, or enlarged from the knees up."""
+    picture_height_px: Height = 512
+    """Height of one body's picture (pixels). The width equals it if the whole body is shown, and is
+    three quarters of it from the knees up. Each close-up adds half the width to the height."""
     display: Display = field(default_factory=Display)
     """Display options: trail, colour and exaggeration."""
 
@@ -454,7 +457,7 @@ class OutputOptions:
     """Folder of results."""
     has_video: Annotated[bool, negative_flag("video", "Render no videos.")] = True
     """True to render a video of each motion."""
-    has_poses: Annotated[bool, negative_flag("poses", "Draw Figure 6 without poses.")] = True
+    has_figure_poses: Annotated[bool, negative_flag("poses", "Draw Figure 6 without poses.")] = True
     """True to show poses in Figure 6 even if no videos are rendered."""
     has_figures: Annotated[bool, negative_flag("figures", "Draw no figures.")] = True
     """True to draw Figure 6 and the figure on the sources of jitter."""
@@ -473,8 +476,8 @@ class MeasurementOutput(OutputOptions):
         bool,
         arg(
             name="videos",
-            help="Render a video of each motion in the figures, aligned to the origin, with "
-            "close-ups and a trail.",
+            help="Render a video, with close-ups and a trail, of each motion that the figures "
+            "show; all start at the origin.",
         ),
     ] = False
 
@@ -485,7 +488,7 @@ class ExperimentOutput:
 
     out: Path
     """Folder of results."""
-    figure_forms: FigureForms = FIGURE_FORMATS
+    figure_formats: FigureFormats = FIGURE_FORMATS
     """File formats of the figure."""
     is_incremental: Suppress[bool] = False
     """True to publish each file as soon as it is complete and keep it if the task fails."""

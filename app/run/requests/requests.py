@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, Suppress, arg
 
-from app.config import BUNDLED_WEIGHTS, default_body
+from app.config import BUNDLED_WEIGHTS, body_from_environment
 from app.errors import RunError
-from app.flags import File, FileOrDefault, Names, Text, parse_count, text_type
+from app.flags import File, FileOrDefault, Names, Text, parse_count, parsed_type
 from app.run.display import Display, ViewerState
 from app.run.requests.parts import (
     DEFAULT_TRACKED_POINT,
@@ -37,15 +37,14 @@ from app.run.requests.parts import (
 from conventions.names import safe_file_stem
 from conventions.views import CLOSE_UPS
 from model.formats.reading import ImportOverrides
-from model.storage.cards import parse_speaker_pair
+from model.storage.cards import parse_calm_and_lively_speaker
 from model.systems.registry import list_systems, representatives
 from renderer.figures.style import MAX_SYSTEMS
 
-Joint = Annotated[
+TrackedPointName = Annotated[
     str,
     arg(
-        name="tracked-point",
-        help="Fingertip or joint to track, such as left_index or right_wrist.",
+        name="tracked-point", help="Fingertip or joint to track, such as left_index or right_wrist."
     ),
 ]
 
@@ -56,7 +55,7 @@ class RunRequest:
 
     speech: SpeechInput
     imports: ImportOptions = field(default_factory=ImportOptions)
-    joint: Joint = DEFAULT_TRACKED_POINT
+    tracked_point: TrackedPointName = DEFAULT_TRACKED_POINT
     figures: FigureOptions = field(default_factory=FigureOptions)
     video: VideoOptions = field(default_factory=VideoOptions)
     output: OutputOptions
@@ -66,7 +65,7 @@ class RunRequest:
         self.speech.check()
         self.video.check()
         if self.output.has_video:
-            check_size(self.video.size)
+            check_size(self.video.picture_height_px)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +94,7 @@ class GenerateRequest(RunRequest):
 
 
 def _measured_video() -> VideoOptions:
-    return VideoOptions(size=640, display=Display(has_trail=True), close_ups=CLOSE_UPS)
+    return VideoOptions(picture_height_px=640, display=Display(has_trail=True), close_ups=CLOSE_UPS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +131,7 @@ class PlanRequest:
     """Style file (.toml): gesture rate, size, height and speed, applied to the plan
     (docs/plans.md)."""
     import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
-    is_empty: Annotated[bool, arg(name="empty")] = False
+    writes_empty_plan: Annotated[bool, arg(name="empty")] = False
     """Write an empty plan with its tiers, to be annotated by hand."""
 
     @property
@@ -161,13 +160,13 @@ RENDER_SUFFIXES = (".mp4", ".png", ".glb", ".vrma", ".bvh", ".blender.npz", ".ob
 class StillOptions:
     """Options for stills and meshes of a motion."""
 
-    num_stills: Annotated[int | None, text_type(int, "N", "none"), arg(name="stills")] = None
+    num_stills: Annotated[int | None, parsed_type(int, "N", "none"), arg(name="stills")] = None
     """Number of stills (.png), evenly spread over the motion."""
-    sheet_every: Annotated[
-        int | None, text_type(int, "N", "none"), arg(name="contact-sheet-every")
+    contact_sheet_interval: Annotated[
+        int | None, parsed_type(int, "N", "none"), arg(name="contact-sheet-every")
     ] = None
-    """Write a contact sheet (.png) with every N-th frame above its time."""
-    frame: int = 0
+    """Write a contact sheet (.png) with every N-th frame and its time."""
+    mesh_frame: Annotated[int, arg(name="frame")] = 0
     """Frame of a .obj or .ply file, counted from 0."""
     background: Background = "studio"
     """Background of pictures; transparent shows only the body and needs a .png."""
@@ -175,14 +174,12 @@ class StillOptions:
     def check(self) -> None:
         if self.num_stills is not None and not 1 <= self.num_stills <= MAX_STILLS:
             raise RunError(
-                f"The number of stills must be 1 to {MAX_STILLS}; got {self.num_stills}."
+                f"The number of stills must be from 1 to {MAX_STILLS}; got {self.num_stills}."
             )
-        if self.sheet_every is not None and self.sheet_every < 1:
-            raise RunError(f"--contact-sheet-every must be at least 1; got {self.sheet_every}.")
-
-
-def _render_video() -> VideoOptions:
-    return VideoOptions(close_ups=(), framing="whole", size=720)
+        if self.contact_sheet_interval is not None and self.contact_sheet_interval < 1:
+            raise RunError(
+                f"--contact-sheet-every must be at least 1; got {self.contact_sheet_interval}."
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,15 +196,17 @@ class RenderRequest:
     speech: File = None
     """Sound of the video."""
     import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
-    flame_to_arkit: File = None
-    """BEAT2's mat_final.npy, by which FLAME coefficients of the face become ARKit weights, which
-    the open body and characters have."""
-    joint: Joint = DEFAULT_TRACKED_POINT
+    flame_to_arkit_matrix: Annotated[File, arg(name="flame-to-arkit")] = None
+    """BEAT2's mat_final.npy, to convert FLAME face coefficients to ARKit weights, which the open
+    body and characters use."""
+    tracked_point: TrackedPointName = DEFAULT_TRACKED_POINT
     plan: FileOrDefault = None
-    """Gesture plan with the events that are written as markers into .glb, .vrma, .blender.npz or,
-    for .bvh, a .markers.csv file; by default the motion's .plan.json in the same folder, if there
+    """Gesture plan, to write its events as markers into the .glb, .vrma or .blender.npz file, or
+    next to a .bvh as .markers.csv; by default the motion's .plan.json in the same folder, if there
     is one."""
-    video: VideoOptions = field(default_factory=_render_video)
+    video: VideoOptions = field(
+        default_factory=lambda: VideoOptions(close_ups=(), framing="whole", picture_height_px=720)
+    )
     stills: StillOptions = field(default_factory=StillOptions)
 
     @property
@@ -237,9 +236,12 @@ class RenderRequest:
         if not self.out.parent.is_dir():
             raise RunError(f"The folder {self.out.parent} does not exist; create it first.")
         self.stills.check()
-        if not self.is_video_or_picture and (self.stills.num_stills or self.stills.sheet_every):
+        if not self.is_video_or_picture and (
+            self.stills.num_stills or self.stills.contact_sheet_interval
+        ):
             raise RunError(
-                f"A {self.suffix} file cannot store pictures; write stills to a .png or .mp4."
+                f"--stills and --contact-sheet-every cannot be used with a {self.suffix} file; "
+                "write a .png or .mp4."
             )
         if is_transparent and self.suffix != ".png":
             raise RunError(
@@ -247,7 +249,8 @@ class RenderRequest:
             )
         if is_transparent and not display.is_default:
             raise RunError(
-                "Trails, colours and exaggeration are not possible with a transparent background."
+                "Trails, colours and exaggeration are not possible with a transparent background; "
+                "remove one of them."
             )
         if is_transparent and self.video.close_ups:
             raise RunError(
@@ -265,14 +268,15 @@ class FigureRequest:
     out: Path
     """Output files without their suffix, such as paper/figure6."""
     figures: FigureOptions = field(default_factory=FigureOptions)
-    body: FileOrDefault = field(default_factory=default_body)
+    body: FileOrDefault = field(default_factory=body_from_environment)
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
     open body."""
 
 
 MAX_SPEECHES, MAX_SEEDS = 8, 8
 TwoSpeakers = Annotated[
-    tuple[str, str] | None, text_type(parse_speaker_pair, "CALM,LIVELY", "none", ",".join)
+    tuple[str, str] | None,
+    parsed_type(parse_calm_and_lively_speaker, "CALM,LIVELY", "none", ",".join),
 ]
 
 
@@ -280,7 +284,7 @@ TwoSpeakers = Annotated[
 class SpeechEffectRequest:
     """Request to generate several speeches with several noise seeds and compare the motions."""
 
-    speeches: Annotated[
+    inputs: Annotated[
         Positional[tuple[Path, ...]], arg(metavar="SPEECH", help_behavior_hint="(required)")
     ]
     """Two or more audio files; or one folder of motions from any source, with file names of the
@@ -295,7 +299,7 @@ class SpeechEffectRequest:
     guidance: GuidanceScale = None
     """Guidance scale of the speech (classifier-free guidance), 0 (speech ignored) to 10; 1 is as
     trained."""
-    seeds: int = 2
+    num_seeds: Annotated[int, arg(name="seeds")] = 2
     """Number of noise seeds, starting from 0."""
     speakers: TwoSpeakers = None
     """Two speakers to compare on the first speech, such as hana,june."""
@@ -306,32 +310,35 @@ class SpeechEffectRequest:
     def sampling(self) -> SamplingOptions:
         """Sampling options without the seed."""
         return SamplingOptions(
-            systems=self.systems,
-            weights=self.weights,
-            speaker=self.speaker,
-            guidance=self.guidance,
+            systems=self.systems, weights=self.weights, speaker=self.speaker, guidance=self.guidance
         )
 
     @property
     def compares_existing_motions(self) -> bool:
         """True if a folder of motions is compared and nothing is generated."""
-        return len(self.speeches) == 1 and self.speeches[0].is_dir()
+        return len(self.inputs) == 1 and self.inputs[0].is_dir()
 
     def check(self) -> None:
         """Check everything that needs no open file; raises RunError."""
         self.sampling.check()
         if self.compares_existing_motions:
             if self.speakers:
-                raise RunError("Speakers cannot be compared for a folder of motions.")
+                raise RunError(
+                    "--speakers needs generated motion and cannot be used with a folder of "
+                    "motions; remove it."
+                )
             return
-        if not 2 <= len(self.speeches) <= MAX_SPEECHES:
+        if not 2 <= len(self.inputs) <= MAX_SPEECHES:
             raise RunError(
-                f"Two to {MAX_SPEECHES} speeches can be compared; got {len(self.speeches)}."
+                f"From 2 to {MAX_SPEECHES} speech recordings can be compared; got "
+                f"{len(self.inputs)}."
             )
-        if len({safe_file_stem(path.stem) for path in self.speeches}) < len(self.speeches):
-            raise RunError("Two of the speeches have the same name; rename one of the files.")
-        if not 2 <= self.seeds <= MAX_SEEDS:
-            raise RunError(f"The number of noise seeds must be 2 to {MAX_SEEDS}; got {self.seeds}.")
+        if len({safe_file_stem(path.stem) for path in self.inputs}) < len(self.inputs):
+            raise RunError("Two of the recordings have the same name; rename one of the files.")
+        if not 2 <= self.num_seeds <= MAX_SEEDS:
+            raise RunError(
+                f"The number of noise seeds must be from 2 to {MAX_SEEDS}; got {self.num_seeds}."
+            )
         _check_count(self)
 
 
@@ -352,12 +359,12 @@ class RotationNoiseRequest:
     seed: int = 0
     """Seed of the noise."""
     import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
-    joint: Joint = DEFAULT_TRACKED_POINT
-    body: FileOrDefault = field(default_factory=default_body)
+    tracked_point: TrackedPointName = DEFAULT_TRACKED_POINT
+    body: FileOrDefault = field(default_factory=body_from_environment)
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
     open body."""
-    size: Height = 512
-    """Height of a body in the video (pixels)."""
+    picture_height_px: Height = 512
+    """Height of one body's picture (pixels)."""
     noise_rad: Annotated[float, arg(name="noise", metavar="RAD")] = 0.02
     """Standard deviation of the random rotation about each axis (rad), .005 to .1."""
     has_video: Suppress[bool] = True
@@ -365,7 +372,10 @@ class RotationNoiseRequest:
 
     @property
     def video(self) -> VideoOptions:
-        return VideoOptions(body=self.body, size=self.size, display=Display(has_trail=True))
+        display = Display(has_trail=True)
+        return VideoOptions(
+            body=self.body, picture_height_px=self.picture_height_px, display=display
+        )
 
     def check(self) -> None:
         """Check everything that needs no open file; raises RunError."""
@@ -373,14 +383,14 @@ class RotationNoiseRequest:
             raise RunError(f"The seed must not be negative; got {self.seed}.")
         if not MIN_NOISE_RAD <= self.noise_rad <= MAX_NOISE_RAD:
             raise RunError(
-                f"The noise must be {MIN_NOISE_RAD:g} to {MAX_NOISE_RAD:g} rad; got "
+                f"The noise must be from {MIN_NOISE_RAD:g} to {MAX_NOISE_RAD:g} rad; got "
                 f"{self.noise_rad:g}."
             )
         if self.has_video:
-            check_size(self.size)
+            check_size(self.picture_height_px)
         if self.output.out.suffix.lower() == ".mp4":
             raise RunError(
-                f"--out must be a folder, not a video; its video is called {ROTATION_NOISE_VIDEO}."
+                f"--out must be a folder; the video in it is called {ROTATION_NOISE_VIDEO}."
             )
 
 
@@ -397,7 +407,7 @@ class StepSweepRequest:
     """Request to generate the same motion with different numbers of sampling steps."""
 
     speech: Annotated[
-        Positional[Path], arg(metavar="SPEECH", help="Audio file; ten seconds are used.")
+        Positional[Path], arg(metavar="SPEECH", help="Audio file; its first ten seconds are used.")
     ]
     output: ExperimentOutput
     weights: Path = BUNDLED_WEIGHTS
@@ -407,9 +417,9 @@ class StepSweepRequest:
     """Speaker style of the motion."""
     seed: int = 0
     """Seed of the noise."""
-    counts: Annotated[
+    step_counts: Annotated[
         tuple[int, ...],
-        text_type(_parse_counts, "N,N,...", show=lambda counts: ",".join(map(str, counts))),
+        parsed_type(_parse_counts, "N,N,...", show=lambda counts: ",".join(map(str, counts))),
         arg(name="steps"),
     ] = STEP_COUNTS
     """Numbers of sampling steps."""
@@ -426,10 +436,10 @@ class StepSweepRequest:
     def check(self) -> None:
         """Check everything that needs no open file; raises RunError."""
         self.sampling.check()
-        if not self.counts or not all(1 <= count <= MAX_STEPS for count in self.counts):
+        if not self.step_counts or not all(1 <= count <= MAX_STEPS for count in self.step_counts):
             raise RunError(
                 f"Steps must be whole numbers from 1 to {MAX_STEPS}; got "
-                f"{', '.join(map(str, self.counts)) or 'none'}."
+                f"{', '.join(map(str, self.step_counts)) or 'none'}."
             )
         _check_count(self)
 

@@ -11,7 +11,7 @@ from jaxtyping import UInt8
 from PIL import Image
 
 from app.errors import RunError
-from app.run.bodies import body_motion, make_tracked_point
+from app.run.bodies import body_motion, make_point_tracker
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.models import get_body
 from app.run.requests.requests import MARKERS_SUFFIX, MAX_STILLS, SHEET_POSES, RenderRequest
@@ -26,7 +26,7 @@ from model.plan.plan import GesturePlan
 from model.speech.audio import load_speech
 from model.storage.files import write_atomically, written_atomically
 from renderer.body.body import Body, BodyMotion
-from renderer.files.character_glb import animated_glb
+from renderer.files.character_glb import character_glb_bytes
 from renderer.files.exports import (
     blender_unsupported_notes,
     write_blender_npz,
@@ -38,13 +38,10 @@ from renderer.video.compose import contact_sheet
 from renderer.video.workers import run_render_jobs
 
 
-def render_motion(
+def render_or_export_motion(
     request: RenderRequest, callbacks: RunCallbacks = NO_CALLBACKS
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Render or export a motion file.
-
-    Returns:
-        The files that were written, and notes for the user.
 
     Raises:
         Cancelled: if the caller has cancelled.
@@ -55,8 +52,8 @@ def render_motion(
     request.import_overrides.check_files_exist([request.motion])
     reading = read_any_motion(request.motion, request.import_overrides, request.video.body)
     read = reading.motion
-    if request.flame_to_arkit is not None:
-        read = flame_to_arkit(read, read_flame_matrix(request.flame_to_arkit))
+    if request.flame_to_arkit_matrix is not None:
+        read = flame_to_arkit(read, read_flame_matrix(request.flame_to_arkit_matrix))
     motion = body_motion(read)
     body = get_body(request.video.body, request.video.look)
     if request.is_video_or_picture:
@@ -71,8 +68,8 @@ def render_motion(
     return files, (*reading.notes, *apart, *own)
 
 
-def write_plan(request: RenderRequest, *_: object) -> None:
-    """Write a gesture plan in the format of the output file."""
+def convert_plan(request: RenderRequest, *_: object) -> None:
+    """Convert a gesture plan, the request's ``motion``, to the format of the output file."""
     plan = read_plan_file(request.motion).plan
     if request.out.name.endswith(MARKERS_SUFFIX):
         request.out.write_text(markers_csv(plan), encoding="utf-8")
@@ -92,11 +89,11 @@ def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Pat
     with written_atomically(request.out) as part:
         match request.suffix:
             case ".glb":
-                part.write_bytes(animated_glb(body, motion, markers))
+                part.write_bytes(character_glb_bytes(body, motion, markers))
             case ".vrma":
                 part.write_bytes(vrma_bytes(body, motion, markers))
             case ".obj" | ".ply":
-                frame = request.stills.frame
+                frame = request.stills.mesh_frame
                 if not 0 <= frame < motion.num_frames:
                     raise RunError(
                         f"There is no frame {frame}: the motion has {motion.num_frames} frames, "
@@ -133,7 +130,7 @@ def _draw(
         {"": read},
         request.video,
         body,
-        make_tracked_point(request.video.body, request.joint),
+        make_point_tracker(request.video.body, request.tracked_point),
         lambda _, view: named(view) if request.suffix == ".mp4" else None,
         on_progress,
         speech=request.speech,
@@ -156,14 +153,14 @@ def _chosen_frames(
     count = min(request.stills.num_stills or 0, num_frames)
     # The middle of equal parts, so that one still shows the middle of the motion.
     stills = ((np.arange(count) + 0.5) * num_frames / max(count, 1)).astype(int)
-    every = request.stills.sheet_every
+    every = request.stills.contact_sheet_interval
     if every is None and request.suffix == ".png" and not count:
         every = -(-num_frames // SHEET_POSES)
     sheet = range(0, num_frames, every) if every else ()
     if len(sheet) > MAX_STILLS:
         raise RunError(
-            f"A picture every {every} of {num_frames} frames gives {len(sheet)} pictures; a "
-            f"contact sheet has at most {MAX_STILLS}. Use --contact-sheet-every "
+            f"One picture every {every} frames gives {len(sheet)} pictures for {num_frames} "
+            f"frames; a contact sheet can have at most {MAX_STILLS}. Use --contact-sheet-every "
             f"{-(-num_frames // MAX_STILLS)} or more."
         )
     return tuple(stills.tolist()), tuple(sheet)

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from app.errors import RunError
-from app.run.bodies import TrackedPoint, align_and_cut_motions, body_motion, make_tracked_point
+from app.run.bodies import PointTracker, align_and_cut_motions, body_motion, make_point_tracker
 from app.run.callbacks import FolderUpdated, RunCallbacks
 from app.run.display import FULL_SPEED_M_S, Display
 from app.run.models import get_body
@@ -70,13 +70,13 @@ def render_settings(
 
     Args:
         layout: panels of the body and its close-ups; None for the default ones.
-        others: fields of the settings.
 
     Raises:
         RunError: if the size cannot be rendered or encoded.
     """
-    width = video.size if video.framing == "whole" else 2 * (3 * video.size // 8)
-    size = (layout[0].width, layout[0].height) if layout else (width, video.size)
+    height = video.picture_height_px
+    width = height if video.framing == "whole" else 2 * (3 * height // 8)
+    size = (layout[0].width, layout[0].height) if layout else (width, height)
     if video.close_ups and view == video.views[0]:
         layout = layout or layout_panels(view, *size, video.close_ups)
     try:
@@ -99,14 +99,14 @@ def draw_videos(
     motions: Mapping[str, Motion],
     video: VideoOptions,
     body: Body,
-    tip: TrackedPoint,
-    out: Callable[[str, View], Path | None],
+    tracker: PointTracker,
+    video_path: Callable[[str, View], Path | None],
     on_progress: Callable[[float], None],
     *,
     on_done: Callable[[PictureKey], None] = lambda key: None,
     speech: Path | None = None,
     frames: tuple[int, ...] = (),
-    framed: Sequence[Motion] = (),
+    camera_motions: Sequence[Motion] = (),
     layouts: Mapping[str, tuple[Panel, ...]] | None = None,
     move_cameras: Callable[[Jobs], Jobs] = lambda jobs: jobs,
     draw: Draw | None = None,
@@ -118,11 +118,11 @@ def draw_videos(
     also if they are exaggerated.
 
     Args:
-        out: returns the video of a motion and view, or None for no video.
+        video_path: returns the video of a motion and view, or None for no video.
         on_progress: called with the fraction of frames done; an exception from it stops the work.
         on_done: called with the key of each complete video.
         frames: frames to return as stills.
-        framed: motions that the camera frames, if they are other ones.
+        camera_motions: motions that the camera frames, if they are other ones.
         layouts: panels by motion; None for the default ones.
         settings: further fields of `RenderSettings`.
 
@@ -130,11 +130,11 @@ def draw_videos(
         RunError: if the size cannot be rendered or encoded.
         BodyError, GLError, VideoError: as `run_render_jobs`.
     """
-    posed = [body_motion(motion) for motion in framed or motions.values()]
+    posed = [body_motion(motion) for motion in camera_motions or motions.values()]
     looks = {
         name: {
             "motion": body_motion(with_exaggeration(motion, video.display)),
-            "marks": make_overlays(motion, video.display, tip, body),
+            "overlays": make_overlays(motion, video.display, tracker, body),
         }
         for name, motion in motions.items()
     }
@@ -146,7 +146,7 @@ def draw_videos(
             cameras[how] = camera_setup_for(body, posed, how)
         jobs[name, view] = MotionRenderJob(
             **looks[name],
-            out=out(name, view),
+            out=video_path(name, view),
             speech_wav=speech,
             settings=how,
             body_path=video.body,
@@ -161,7 +161,7 @@ def render_row_videos(
     motions: Mapping[str, Motion],
     video: VideoOptions,
     body: Body,
-    tip: TrackedPoint,
+    tracker: PointTracker,
     on_share: Callable[[float], None],
     folder: ResultFolder,
     speech: Path | None,
@@ -175,16 +175,16 @@ def render_row_videos(
     """
 
     def out(name: str, view: View) -> Path:
-        return folder.path(video_file_name(name, view, video.views))
+        return folder.new_path(video_file_name(name, view, video.views))
 
     def on_done(key: PictureKey) -> None:
         name, view = key
         on_file(out(name, view), row=name if view == video.views[0] else "", kind="video")
 
-    draw_videos(motions, video, body, tip, out, on_share, on_done=on_done, speech=speech)
+    draw_videos(motions, video, body, tracker, out, on_share, on_done=on_done, speech=speech)
 
 
-def draw_poses(
+def draw_snapshots(
     motions: Mapping[str, Motion],
     video: VideoOptions,
     body: Body,
@@ -244,7 +244,7 @@ def with_exaggeration(motion: Motion, display: Display) -> Motion:
 
 
 def make_overlays(
-    motion: Motion, display: Display, tip: TrackedPoint, body: Body
+    motion: Motion, display: Display, tracker: PointTracker, body: Body
 ) -> Overlays | None:
     """Return the overlays of a motion's pictures; None if nothing is displayed.
 
@@ -255,31 +255,31 @@ def make_overlays(
     factor, cutoff = (f"{round(value, 1):g}" for value in (display.exaggeration, display.cutoff_hz))
     is_larger = display.exaggeration != 1
     return Overlays(
-        trail=_trail(motion, display, tip, body) if display.has_trail else None,
+        trail=_trail(motion, display, tracker, body) if display.has_trail else None,
         heat=_heat(motion, display, body) if display.coloring == "jerk" else None,
         notice=f"EXAGGERATED x{factor} above {cutoff} Hz" if is_larger else "",
         close_up_notice=f"x{factor}" if is_larger else "",
     )
 
 
-def _trail(motion: Motion, display: Display, tip: TrackedPoint, body: Body) -> Trail:
-    track, drawn = tip.track(motion), tip
+def _trail(motion: Motion, display: Display, tracker: PointTracker, body: Body) -> Trail:
+    track, drawn = tracker.track(motion), tracker
     # A character's trail leaves its own hand; the numbers are those of the skeleton.
     if body.rig is not None:
-        joint = f"{tip.point}3" if tip.point in FINGERTIP_VERTICES else tip.point
-        drawn = TrackedPoint(joint, body)
+        joint = f"{tracker.name}3" if tracker.name in FINGERTIP_VERTICES else tracker.name
+        drawn = PointTracker(joint, body)
     speed = _by_frame(derivative_magnitudes(track, 1), len(track))
     jerk = _by_frame(derivative_magnitudes(track, 3), len(track))
-    side = tip.point.split("_")[0]
+    side = tracker.name.split("_")[0]
     return Trail(
         points=drawn.track(
             motion if display.exaggeration == 1 else with_exaggeration(motion, display)
         ),
-        speeds=np.minimum(speed / FULL_SPEED_M_S, 1.0),
-        is_spike=jerk > display.jerk_m_s3,
-        legend=f"0 to {FULL_SPEED_M_S:g} m/s, dot: jerk over {display.jerk_m_s3:g} m/s³",
+        normalized_speeds=np.minimum(speed / FULL_SPEED_M_S, 1.0),
+        is_spike=jerk > display.max_jerk_m_s3,
+        legend=f"speed 0 to {FULL_SPEED_M_S:g} m/s; dots: jerk over {display.max_jerk_m_s3:g} m/s³",
         close_up_view=f"{side}_hand" if side in ("left", "right") else "",
-        num_frames=display.trail_frames,
+        length_frames=display.trail_frames,
     )
 
 
@@ -287,8 +287,8 @@ def _heat(motion: Motion, display: Display, body: Body) -> HeatMap:
     jerk = derivative_magnitudes(body.joint_positions(body_motion(motion)), 3)
     of_frame = _by_frame(jerk, motion.num_frames)
     smooth = ndimage.gaussian_filter1d(of_frame, _HEAT_SIGMA_FRAMES, axis=0, mode="nearest")
-    shares = np.minimum(smooth / display.jerk_m_s3, 1.0)
-    return HeatMap(shares.astype(np.float32), f"jerk: 0 to {display.jerk_m_s3:g} m/s³")
+    shares = np.minimum(smooth / display.max_jerk_m_s3, 1.0)
+    return HeatMap(shares.astype(np.float32), f"jerk: 0 to {display.max_jerk_m_s3:g} m/s³")
 
 
 def _by_frame(values: Float[np.ndarray, " N *C"], num_frames: int) -> np.ndarray:
@@ -380,7 +380,7 @@ def composing_comparison_video(
         Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
     """
     callbacks.report_progress("comparison", 0.0)
-    out, is_cancelled = folder.path(f"{COMPARISON}.mp4"), Event()
+    out, is_cancelled = folder.new_path(f"{COMPARISON}.mp4"), Event()
     with ThreadPoolExecutor(1) as beside:
         joining = beside.submit(
             compose_videos,
@@ -401,7 +401,7 @@ def composing_comparison_video(
     callbacks.report_progress("comparison", 1.0)
 
 
-def draw_videos_in_background(request: RunVideosRequest, callbacks: RunCallbacks) -> None:
+def draw_run_videos(request: RunVideosRequest, callbacks: RunCallbacks) -> None:
     """Render the videos of a run's motions and ``comparison.mp4``, and add them to its folder.
 
     Raises:
@@ -427,7 +427,7 @@ def draw_videos_in_background(request: RunVideosRequest, callbacks: RunCallbacks
             align_and_cut_motions(motions)[0],
             video,
             body,
-            make_tracked_point(video.body, record.point),
+            make_point_tracker(video.body, record.tracked_point),
             callbacks.progress_callback("video"),
             folder,
             speech,

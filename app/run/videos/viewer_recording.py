@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import RunError
-from app.run.bodies import MAX_FRAMES, align_to_origin, body_motion, make_tracked_point
+from app.run.bodies import MAX_FRAMES, align_to_origin, body_motion, make_point_tracker
 from app.run.callbacks import RunCallbacks
 from app.run.display import ViewerPanel, ViewerState
 from app.run.models import get_body
@@ -28,7 +28,7 @@ from renderer.scene.camera_setup import Panel
 from renderer.video.compose import (
     MAX_HEIGHT_PX,
     MAX_WIDTH_PX,
-    OverlayPair,
+    SuperposedPair,
     compose_videos,
     label_band_height,
 )
@@ -65,7 +65,7 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
         i: smooth_motion(motion) if viewer.is_smoothed else motion for i, motion in visible.items()
     }
     body = get_body(request.body)
-    tip = make_tracked_point(request.body, viewer.look.point)
+    tracker = make_point_tracker(request.body, viewer.settings.tracked_point)
     room = _VideoLayout.of(viewer)
     with ResultFolder(request.out) as folder:
         parts = folder.scratch("parts")
@@ -77,10 +77,10 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
                 bases,
                 _video_options(request),
                 body,
-                tip,
+                tracker,
                 lambda i, _: parts / f"{i}.mp4",
                 callbacks.progress_callback("video", _DRAWN),
-                framed=motions,
+                camera_motions=motions,
                 layouts=dict(zip(bases, pictures, strict=True)),
                 move_cameras=lambda jobs: _move_cameras(jobs, raw, body, viewer),
                 crf=_FINE_CRF,
@@ -100,7 +100,7 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
     return ViewerVideo(
         video,
         max(motion.num_frames for motion in visible.values()),
-        (*notes, NO_LINES) if viewer.look.has_bones or viewer.look.has_axes else notes,
+        (*notes, NO_LINES) if viewer.settings.has_bones or viewer.settings.has_axes else notes,
     )
 
 
@@ -110,19 +110,19 @@ def _longest(motions: Sequence[Motion], viewer: ViewerState) -> tuple[int, tuple
     if max(motions[i].num_frames for i in viewer.visible) <= limit:
         return max(motion.num_frames for motion in motions), ()
     return limit, (
-        f"The video shows only the first {limit / FPS:.0f} s, because the motions of all bodies "
-        f"together may last {MAX_FRAMES / FPS:.0f} s.",
+        f"The video shows only the first {limit / FPS:.0f} s, because the total length of all "
+        f"bodies' motions is limited to {MAX_FRAMES / FPS:.0f} s.",
     )
 
 
 def _video_options(request: ViewerVideoRequest) -> VideoOptions:
     """Return the video options that match the viewer."""
-    look = request.viewer.look
+    settings = request.viewer.settings
     return VideoOptions(
         body=request.body,
-        display=look.display,
-        framing="whole" if look.is_whole else "knees",
-        look=BODY_LOOKS[0] if request.body else f"{look.build}-{look.tone}",
+        display=settings.display,
+        framing="whole" if settings.shows_whole_body else "knees",
+        look=BODY_LOOKS[0] if request.body else f"{settings.build}-{settings.tone}",
     )
 
 
@@ -135,7 +135,7 @@ def _move_cameras(jobs: Jobs, raw: dict[str, BodyMotion], body: Body, viewer: Vi
         raw: raw motions by name.
     """
     keys = [*jobs]
-    if viewer.mode != "grid" and viewer.look.is_aligned:
+    if viewer.mode != "grid" and viewer.settings.is_pair_aligned:
         jobs[keys[1]], raw["1"] = _laid_on(jobs[keys[0]], jobs[keys[1]], raw["1"])
     for key, job in jobs.items():
         assert job.stage is not None
@@ -144,9 +144,9 @@ def _move_cameras(jobs: Jobs, raw: dict[str, BodyMotion], body: Body, viewer: Vi
         if viewer.mode != "grid":
             way, *_ = stage.followed_positions(body, raw["0"])
             ways[0] = way[np.minimum(np.arange(raw[name].num_frames), len(way) - 1)]
-        if viewer.mode == "ghost" and job.marks is not None and job.marks.trail is not None:
-            trail = replace(job.marks.trail, is_in_body_panel=False)
-            job = replace(job, marks=replace(job.marks, trail=trail))
+        if viewer.mode == "ghost" and job.overlays is not None and job.overlays.trail is not None:
+            trail = replace(job.overlays.trail, is_in_body_panel=False)
+            job = replace(job, overlays=replace(job.overlays, trail=trail))
         jobs[key] = replace(job, stage=stage.with_camera_paths(ways))
     return jobs
 
@@ -158,11 +158,13 @@ def _laid_on(
     frames = np.minimum(np.arange(raw.num_frames), first.motion.num_frames - 1)
     shift = first.motion.trans[frames] - second.motion.trans
     shift *= np.array([1, 0, 1], np.float32)
-    marks = second.marks
-    if marks is not None and marks.trail is not None:
-        marks = replace(marks, trail=replace(marks.trail, points=marks.trail.points + shift))
+    overlays = second.overlays
+    if overlays is not None and overlays.trail is not None:
+        overlays = replace(
+            overlays, trail=replace(overlays.trail, points=overlays.trail.points + shift)
+        )
     motion = replace(second.motion, trans=second.motion.trans + shift)
-    return replace(second, motion=motion, marks=marks), replace(raw, trans=raw.trans + shift)
+    return replace(second, motion=motion, overlays=overlays), replace(raw, trans=raw.trans + shift)
 
 
 @dataclass(frozen=True)
@@ -177,7 +179,7 @@ class _VideoLayout:
 
     @classmethod
     def of(cls, viewer: ViewerState) -> _VideoLayout:
-        width, height = viewer.size
+        width, height = viewer.picture_size
         columns = min(viewer.columns, len(viewer.visible)) if viewer.mode == "grid" else 1
         rows = -(-len(viewer.visible) // columns) if viewer.mode == "grid" else 1
         scale = min(MAX_WIDTH_PX / (columns * width), MAX_HEIGHT_PX / (rows * height), MAX_ENLARGED)
@@ -217,14 +219,14 @@ def _compose(
         body, *beside = room.pictures[1]
         edge = round(request.viewer.wipe * body.width)
         inks = [request.viewer.bodies[number].color for number in request.viewer.visible]
-        pair = OverlayPair(mode, room.width, room.height, body, tuple(beside), edge, inks)
+        pair = SuperposedPair(mode, room.width, room.height, body, tuple(beside), edge, inks)
         labels = [
             f"{label}{caption}" for label, caption in zip(labels, _MODE_CAPTIONS[mode], strict=True)
         ]
     compose_videos(
         videos,
         labels,
-        folder.path(NAME),
+        folder.new_path(NAME),
         request.speech,
         on_progress=on_progress,
         num_columns=room.columns,

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from app.study.design.key import AttentionRule, ExpectedAnswer, Stimulus, StudyKey, Trial, Video
-from app.study.design.plan import ATTENTION_QUESTION, Plan, protocol_questions
+from app.study.design.plan import ATTENTION_QUESTION, StudyPlan, protocol_questions
 from app.study.design.trials import Design
 
 NOT_RENDERED = "not made yet"
@@ -24,23 +24,23 @@ SIGNIFICANCE_LEVEL = 0.01
 _DRAWS, _BATCH = 20_000, 2_000
 
 
-def make_key(plan: Plan, design: Design) -> StudyKey:
+def make_key(plan: StudyPlan, design: Design) -> StudyKey:
     """Make the key of a study without finished videos, with new random ids.
 
     Ids in an order that follows the method by chance are drawn again. Videos are sorted by id, so
     that their order reveals nothing; trials are in the order of the design.
     """
     names: dict[Stimulus, str] = {}
-    while not names or order_leaks(names):
+    while not names or blind_id_leaks(names):
         names = dict(zip(design.stimuli, _distinct(len(design.stimuli), 8), strict=True))
     trials = _distinct(len(design.trials), 4)
     questions = protocol_questions(plan.protocol)
     question_ids = tuple(question.id for question in questions)
     return StudyKey(
-        study=secrets.token_hex(8),
+        study_id=secrets.token_hex(8),
         title=plan.title,
         protocol=plan.protocol,
-        systems=tuple(system.name for system in plan.systems),
+        systems=tuple(system.name for system in plan.conditions),
         questions=questions,
         videos={
             blind: Video(**vars(stimulus), sha256=NOT_RENDERED)
@@ -63,9 +63,9 @@ def make_key(plan: Plan, design: Design) -> StudyKey:
             for number, pages in enumerate(design.lists)
         },
         attention_rule=AttentionRule(design.max_failed(plan)),
-        participants=plan.participants,
-        video_s=plan.length_s,
-        panel_ids=plan.panel_ids,
+        num_participants_planned=plan.participants,
+        video_s=plan.video_s,
+        panel_id_names=plan.panel_id_names,
     )
 
 
@@ -88,12 +88,12 @@ def lists_with_ids(design: Design, key: StudyKey) -> list[list[tuple[str, list[s
 def stimulus_ids(key: StudyKey) -> dict[Stimulus, str]:
     """Return the blind ids by stimulus."""
     return {
-        Stimulus(video.system, video.clip, video.speech, video.view): blind
+        Stimulus(video.system, video.clip, video.speech_clip, video.view): blind
         for blind, video in key.videos.items()
     }
 
 
-def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
+def order_p_value(scenes: Sequence[Mapping[str, float]]) -> float:
     """Compute the probability under chance of orders that agree over scenes as much as these.
 
     The statistic is Friedman's: the sum over systems of their squared rank totals. Up to `_DRAWS`
@@ -126,20 +126,20 @@ def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
     return float(test.pvalue)
 
 
-def order_leaks(names: Mapping[Stimulus, str]) -> list[str]:
+def blind_id_leaks(ids: Mapping[Stimulus, str]) -> list[str]:
     """Return one sentence for each way in which the sorted ids suggest the method."""
-    place = {name: float(rank) for rank, name in enumerate(sorted(names.values()))}
-    return value_leaks({stimulus: place[name] for stimulus, name in names.items()}, "file name")
+    place = {blind_id: float(rank) for rank, blind_id in enumerate(sorted(ids.values()))}
+    return value_leaks({stimulus: place[each] for stimulus, each in ids.items()}, "file name")
 
 
 def value_leaks(values: Mapping[Stimulus, float], noun: str) -> list[str]:
     """Return a sentence for each way in which a value's order suggests method or speech match."""
     ways: list[tuple[str, Callable[[Stimulus], object], Callable[[Stimulus], str]]] = [
-        ("reveals the system", lambda s: (s.clip, s.view, s.speech), lambda s: s.system),
+        ("reveals the system", lambda s: (s.clip, s.view, s.speech_clip), lambda s: s.system),
         (
             "reveals which speech is matched",
             lambda s: (s.clip, s.view, s.system),
-            lambda s: str(s.is_matched),
+            lambda s: str(s.has_own_speech),
         ),
     ]
     tells = []
@@ -147,7 +147,7 @@ def value_leaks(values: Mapping[Stimulus, float], noun: str) -> list[str]:
         scenes: dict[object, dict[str, float]] = {}
         for stimulus, value in values.items():
             scenes.setdefault(scene_of(stimulus), {})[label_of(stimulus)] = value
-        chance = order_probability([scene for scene in scenes.values() if len(scene) > 1])
+        chance = order_p_value([scene for scene in scenes.values() if len(scene) > 1])
         if chance < SIGNIFICANCE_LEVEL:
-            tells.append(f"{noun}: the order of the videos by it {way} (p = {chance:.2g})")
+            tells.append(f"{noun}: sorting the videos by {noun} {way} (p = {chance:.2g})")
     return tells

@@ -20,7 +20,7 @@ from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
 from model.storage.files import written_atomically
-from model.storage.json_validation import STRICT, FieldError, Text, read_json, type_adapter
+from model.storage.json_validation import STRICT, InvalidJsonError, Text, read_json, type_adapter
 
 Protocol = Literal["pairwise", "matched", "ranking", "rating"]
 TrialKind = Literal["pair", "match", "rank", "rate", "attention"]
@@ -57,14 +57,14 @@ class Stimulus:
 
     system: Text
     clip: Text
-    speech: Text | None
+    speech_clip: Annotated[Text | None, Field(alias="speech")]
     """Clip with the speech that is played; None for a muted video."""
     view: Text
 
     @property
-    def is_matched(self) -> bool:
-        """True if the speech belongs to the motion."""
-        return self.speech == self.clip
+    def has_own_speech(self) -> bool:
+        """True if the motion's own speech is played; false also for a muted video."""
+        return self.speech_clip == self.clip
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -105,7 +105,7 @@ class AttentionRule:
 class StudyKey:
     """Everything that participants must not know; consistent, without dangling ids."""
 
-    study: Text
+    study_id: Annotated[Text, Field(alias="study")]
     """Id of 16 hexadecimal digits, also in the answers."""
     title: Text
     protocol: Protocol
@@ -116,11 +116,12 @@ class StudyKey:
     lists: Annotated[Mapping[ListNumber, List], Field(max_length=MAX_PARTICIPANTS)]
     """Trial ids of each list, in order."""
     attention_rule: AttentionRule
-    participants: Annotated[int, Field(ge=1, le=MAX_PARTICIPANTS)]
-    """Planned number of participants."""
+    num_participants_planned: Annotated[int, Field(ge=1, le=MAX_PARTICIPANTS, alias="participants")]
     video_s: Annotated[float, Field(gt=0, le=3600)] | None = None
     """Duration of each video (s); None if they differ."""
-    panel_ids: Annotated[tuple[PanelName, ...], Field(max_length=MAX_PANEL_IDS)] = ()
+    panel_id_names: Annotated[
+        tuple[PanelName, ...], Field(max_length=MAX_PANEL_IDS, alias="panel_ids")
+    ] = ()
     """Names of the ids that the page copies from its address into the answers, the participant's
     first."""
     link_secret: Text | None = None
@@ -136,7 +137,9 @@ class StudyKey:
             raise ValueError("`questions` must have different ids")
         for name, video in self.videos.items():
             if video.system not in self.systems:
-                raise ValueError(f"video {name} shows {video.system!r}, which is not a system")
+                raise ValueError(
+                    f"video {name} shows {video.system!r}, which is not a system of the study"
+                )
         for name, trial in self.trials.items():
             is_check = trial.kind == "attention"
             if not self.videos.keys() >= set(trial.videos):
@@ -163,18 +166,18 @@ class StudyKey:
 
     @cached_property
     def clips(self) -> tuple[str, ...]:
-        """Names of all clips in trials, sorted."""
+        """Names of the clips in trials that are not attention checks, sorted."""
         judged = {trial.clip for trial in self.trials.values() if trial.expected is None}
         return tuple(sorted(judged))
 
     def token(self, participant: int) -> str:
         """Return a link's token: the participant and 128 bits of its HMAC-SHA256 by the secret."""
         assert self.link_secret is not None
-        message = f"{self.study}/{participant}".encode()
+        message = f"{self.study_id}/{participant}".encode()
         signature = hmac.new(self.link_secret.encode(), message, hashlib.sha256).hexdigest()
         return f"{participant}-{signature[:_SIGNATURE_HEX]}"
 
-    def list_of(self, participant: int) -> int:
+    def list_number_of(self, participant: int) -> int:
         """Return the list of a participant: the lists in turn, then from the first again."""
         return sorted(self.lists)[participant % len(self.lists)]
 
@@ -194,7 +197,7 @@ class StudyKey:
                 f"{address!r} is not the URL of a page; it should look like "
                 "https://lab.example/study/."
             )
-        query = {"p": self.list_of(participant), "t": self.token(participant)}
+        query = {"p": self.list_number_of(participant), "t": self.token(participant)}
         return f"{address}?{urlencode(query)}"
 
     def link_error(self, token: str | None, list_number: int) -> str | None:
@@ -209,24 +212,20 @@ class StudyKey:
             self.token(int(number)).encode(), token.encode()
         ):
             return "the signature of the link is invalid"
-        if self.list_of(int(number)) != list_number:
+        if self.list_number_of(int(number)) != list_number:
             return "the link is for another list of trials"
         return None
 
 
 def read_key(path: Path) -> StudyKey:
-    """Read and check the key at ``path``.
-
-    Raises:
-        RunError: if it is missing, damaged or inconsistent.
-    """
+    """Read and check the key at ``path``; raises RunError if it is missing or invalid."""
     if not path.is_file():
         raise RunError(
             f"There is no file {path}. The key is key.json in the folder `researcher_only`."
         )
     try:
         return read_json(path, StudyKey, MAX_KEY_BYTES)
-    except FieldError as error:
+    except InvalidJsonError as error:
         raise RunError(
             f"{path.name} is not a valid study key: {error}. Use the file that the export wrote."
         ) from error

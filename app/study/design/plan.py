@@ -18,15 +18,15 @@ from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
 from app.study.design.key import MAX_PANEL_IDS, MAX_SYSTEMS, PanelName, Protocol, Question
-from conventions.names import PostFilter
+from conventions.names import PostFilter, pluralise
 from conventions.views import VIEWS, View
-from model.storage.files import parse_toml, read_capped
-from model.storage.json_validation import FieldError, Text, parse_json
+from model.storage.files import parse_toml, read_within_limit
+from model.storage.json_validation import InvalidJsonError, Text, parse_json
 from model.systems.registry import families, planning_systems
 
 MAX_LENGTH_S = 120.0
 MAX_PLAN_BYTES = 2 * 2**20
-_NO_OTHERS = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid")
+_NO_OTHERS = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid", validate_by_name=True)
 OWN_PARAMETERS = ("p", "t", "preview")
 """Parameters of the page's address that the page itself uses."""
 _SEPARATORS = set(",=")
@@ -38,8 +38,8 @@ def _is_name(name: str) -> str:
     is_plain = name.isprintable() and name.strip() == name
     if len(name) > 80 or not is_plain or set(name) & _SEPARATORS:
         raise ValueError(
-            "a name must have 1 to 80 printable characters, no comma, no = and no space at its "
-            f"ends; got {name[:80]!r}"
+            "a name must have 1 to 80 printable characters, without commas or equals signs, and "
+            f"must not start or end with a space; got {name[:80]!r}"
         )
     return name
 
@@ -47,7 +47,8 @@ def _is_name(name: str) -> str:
 def _is_address(url: str) -> str:
     if not (_PLAIN_URL.fullmatch(url) and urlsplit(url).hostname):
         raise ValueError(
-            f"{url[:80]!r} is not a URL with http:// or https:// and without special characters"
+            f"{url[:80]!r} is not a valid URL; it must start with http:// or https:// and contain "
+            "only letters, digits and . _ ~ / % - ? = &"
         )
     return url
 
@@ -63,17 +64,19 @@ def _files_by_clip(value: Any, info: Any) -> Mapping[str, Path]:
     """Parse paths by clip: a pattern with {clip}, or a table of one path for each clip."""
     if not info.context:
         return value
-    what, clips = info.field_name, info.context["clips"]
+    what, name, clips = info.field_name, info.data.get("name"), info.context["clips"]
     if isinstance(value, str) and "{clip}" in value:
         value = {clip: value.replace("{clip}", clip) for clip in clips}
     if not isinstance(value, Mapping):
         raise ValueError(
-            f"`{what}` must be a path with {{clip}} in it, or a table of one path for each clip"
+            f"`{what}` must be a path with {{clip}} in it, or a table with a path for each clip"
         )
     for clip in (clip for clip in clips if clip not in value):
-        raise ValueError(f"`{what}` of a system has no path for the clip {clip!r}")
+        raise ValueError(f"`{what}` of {name!r} has no path for the clip {clip!r}")
     for clip in (clip for clip in value if clip not in clips):
-        raise ValueError(f"`{what}` of a system names {clip!r}, which is no clip of the study")
+        raise ValueError(
+            f"`{what}` of {name!r} contains {clip!r}, which is not a clip of the study"
+        )
     return {clip: _relative_path(path, info) for clip, path in value.items()}
 
 
@@ -96,7 +99,7 @@ def _style(value: Any, info: Any) -> Any:
         )
     except PlanError as error:
         raise ValueError(
-            f"the style of a system cannot be used: {str(error).rstrip('.')}"
+            f"`style` of {info.data.get('name')!r} cannot be used: {str(error).rstrip('.')}"
         ) from None
 
 
@@ -108,7 +111,8 @@ def _no_own_names(names: tuple[str, ...]) -> tuple[str, ...]:
     for name in names:
         if name in OWN_PARAMETERS or names.count(name) > 1:
             raise ValueError(
-                f"`panel_ids` contains {name!r}, which the page itself uses"
+                f"`panel_ids` contains {name!r}, which is a URL parameter of the page itself; "
+                "choose another name"
                 if name in OWN_PARAMETERS
                 else f"`panel_ids` contains {name!r} twice"
             )
@@ -166,7 +170,7 @@ class Condition:
             return values
         system = values.get("system", name)
         samplers = {
-            sampler.name: sampler.steps
+            sampler.name: sampler.default_steps
             for family in families()
             if system in family.systems
             for sampler in family.samplers_of(system)
@@ -187,21 +191,24 @@ class Condition:
 
 
 @dataclass(frozen=True, config=_NO_OTHERS)
-class Plan:
+class StudyPlan:
     """Settings of a study."""
 
     title: Text
     protocol: Protocol
     participants: Annotated[int, Field(ge=1, le=1000)]
     clips: Annotated[tuple[Clip, ...], Field(min_length=1, max_length=500)]
-    systems: Annotated[tuple[Condition, ...], Field(max_length=MAX_SYSTEMS)]
+    conditions: Annotated[tuple[Condition, ...], Field(max_length=MAX_SYSTEMS, alias="systems")]
     format: Literal[1] = 1
     seed: Seed = 0
     views: Annotated[tuple[View, ...], AfterValidator(_in_order)] = ("front",)
-    length_s: Annotated[float, Field(ge=0.5, le=MAX_LENGTH_S)] | None = None
-    """Length of every excerpt (s); None uses whole clips, which must then be equally long."""
-    size: Annotated[int, Field(ge=64, le=1080)] = 512
-    """Width and height of a video, pixels."""
+    video_s: Annotated[
+        Annotated[float, Field(ge=0.5, le=MAX_LENGTH_S)] | None, Field(alias="length_s")
+    ] = None
+    """Duration of every excerpt and video (s); None uses whole clips, which must
+    then be equally long."""
+    video_size_px: Annotated[int, Field(ge=64, le=1080, alias="size")] = 512
+    """Width and height of a video."""
     face: Literal["still", "moving"] = "still"
     trials_per_participant: Annotated[int, Field(ge=1, le=5000)] | None = None
     """Trials per participant; None gives every participant every trial."""
@@ -210,7 +217,8 @@ class Plan:
     """
     max_failed: Annotated[int, Field(ge=0, le=20)] | None = None
     """Most attention checks that an included participant may fail; None is half of them."""
-    reasons: bool = True
+    asks_reasons: Annotated[bool, Field(validation_alias="reasons")] = True
+    """True if the page asks for reasons after a choice; of effect in pairwise studies only."""
     consent: Text | None = None
     """Consent text; None uses that of `questions.toml`."""
     researchers: Text | None = None
@@ -219,8 +227,10 @@ class Plan:
     """Contact for questions and for answer files that participants send."""
     ethics: Text | None = None
     """Ethics approval: institution and number."""
-    panel_ids: Annotated[
-        tuple[PanelName, ...], Field(max_length=MAX_PANEL_IDS), AfterValidator(_no_own_names)
+    panel_id_names: Annotated[
+        tuple[PanelName, ...],
+        Field(max_length=MAX_PANEL_IDS, alias="panel_ids"),
+        AfterValidator(_no_own_names),
     ] = ()
     """Names of parameters of the page's address that are copied into the answers, the participant's
     id first: PROLIFIC_PID, STUDY_ID and SESSION_ID of Prolific. No others are copied."""
@@ -235,22 +245,22 @@ class Plan:
         return self.protocol != "pairwise"
 
     def __post_init__(self) -> None:
-        for what, named in (("clips", self.clips), ("systems", self.systems)):
+        for what, named in (("clips", self.clips), ("systems", self.conditions)):
             names = [each.name for each in named]
             for double in (name for name in names if names.count(name) > 1):
                 raise ValueError(f"two {what} have the name {double!r}; rename one")
         least = 1 if self.protocol in ("matched", "rating") else 2
-        if len(self.systems) < least:
+        if len(self.conditions) < least:
             raise ValueError(
-                f"the protocol {self.protocol} needs at least {least} systems; the plan has "
-                f"{len(self.systems)}"
+                f"the protocol {self.protocol!r} needs at least {pluralise(least, 'system')}; the "
+                f"study plan has {len(self.conditions)}"
             )
         if self.protocol == "matched" and len(self.clips) < 2:
             raise ValueError(
-                "the protocol matched needs at least 2 clips, as each motion is also shown with "
+                "the protocol 'matched' needs at least 2 clips, as each motion is also shown with "
                 "the speech of another clip"
             )
-        made = [system for system in self.systems if system.motion is None]
+        made = [system for system in self.conditions if system.motion is None]
         for clip in self.clips if self.has_sound or made else ():
             if clip.speech is None:
                 raise ValueError(
@@ -265,15 +275,11 @@ class Plan:
                 )
 
 
-def read_plan(path: Path) -> Plan:
-    """Read and check the plan at ``path``; its paths are relative to its folder.
-
-    Raises:
-        RunError: if it is missing or invalid.
-    """
+def read_study_plan(path: Path) -> StudyPlan:
+    """Read a plan, with paths relative to its folder; raises RunError if missing or invalid."""
     if not path.exists():
-        raise RunError(f"There is no plan at {path}.")
-    content = read_capped(path, MAX_PLAN_BYTES, RunError)
+        raise RunError(f"There is no study plan at {path}.")
+    content = read_within_limit(path, MAX_PLAN_BYTES, RunError)
     try:
         content_table = parse_toml(content.decode("utf-8"))
     except ValueError as error:
@@ -283,10 +289,12 @@ def read_plan(path: Path) -> Plan:
     names = [name for clip in tables if isinstance(name := clip.get("name"), str)]
     try:
         return parse_json(
-            json.dumps(content_table, default=str), Plan, {"folder": path.parent, "clips": names}
+            json.dumps(content_table, default=str),
+            StudyPlan,
+            {"folder": path.parent, "clips": names},
         )
-    except FieldError as error:
-        raise RunError(f"The plan {path.name} cannot be used: {error}.") from error
+    except InvalidJsonError as error:
+        raise RunError(f"The study plan {path.name} cannot be used: {error}.") from error
 
 
 Choice = Literal["left", "right", "tie"]

@@ -16,7 +16,7 @@ import pandas as pd
 
 from app.errors import RunError
 from app.study.design.key import KIND_OF_PROTOCOL, MAX_TRIALS_OF_LIST, Stimulus, TrialKind
-from app.study.design.plan import CHOICES, Choice, Plan
+from app.study.design.plan import CHOICES, Choice, StudyPlan
 from conventions.names import pluralise
 
 PAGES_PER_CHECK = 10
@@ -56,17 +56,13 @@ class Design:
         """Number of attention checks in each list."""
         return sum(trial.kind == "attention" for trial in self.trials)
 
-    def max_failed(self, plan: Plan) -> int:
+    def max_failed(self, plan: StudyPlan) -> int:
         """Return how many attention checks an included participant may fail."""
         return self.num_checks // 2 if plan.max_failed is None else plan.max_failed
 
 
-def make_design(plan: Plan) -> Design:
-    """Make the design of a study.
-
-    Raises:
-        RunError: if a list has too many trials or attention checks.
-    """
+def make_design(plan: StudyPlan) -> Design:
+    """Make the design of a study; raises RunError if a list has too many trials or checks."""
     rng = np.random.default_rng(plan.seed)
     trials = {"pairwise": _pairs, "matched": _matches}.get(plan.protocol, _groups)(plan)
     count = min(plan.trials_per_participant or len(trials), len(trials))
@@ -74,7 +70,7 @@ def make_design(plan: Plan) -> Design:
     if count + num_checks > MAX_TRIALS_OF_LIST:
         raise RunError(
             f"Each participant would see {count + num_checks} pages; the limit is "
-            f"{MAX_TRIALS_OF_LIST}. Set a smaller number of `trials_per_participant`."
+            f"{MAX_TRIALS_OF_LIST}. Reduce `trials_per_participant`."
         )
     checks = [
         PlannedTrial("attention", "attention", required_answer=CHOICES[index % 2])
@@ -89,11 +85,13 @@ def make_design(plan: Plan) -> Design:
             pages.insert(place + number, Page(len(trials) + number, ()))
         lists.append(tuple(pages))
     stimuli = {stimulus for trial in trials for stimulus in trial.stimuli}
-    in_order = sorted(stimuli, key=lambda one: (one.clip, one.view, one.system, one.speech or ""))
+    in_order = sorted(
+        stimuli, key=lambda one: (one.clip, one.view, one.system, one.speech_clip or "")
+    )
     return Design(tuple(in_order), (*trials, *checks), tuple(lists))
 
 
-def _num_checks(plan: Plan, count: int) -> int:
+def _num_checks(plan: StudyPlan, count: int) -> int:
     """Return the number of attention checks among ``count`` trials.
 
     More than one in ten pages would teach participants to look for them.
@@ -108,19 +106,20 @@ def _num_checks(plan: Plan, count: int) -> int:
     if num_checks > most:
         raise RunError(
             f"The plan sets {num_checks} attention checks for {pluralise(count, 'trial')} per "
-            f"participant; the limit is {most}, as at most one page in {PAGES_PER_CHECK} may be a "
-            "check. Leave `attention_checks` out, or show more trials."
+            f"participant; the limit is {most}, because at most one page in {PAGES_PER_CHECK} may "
+            "be a check. Remove `attention_checks` to use the default, or increase "
+            "`trials_per_participant`."
         )
     return num_checks
 
 
-def _scenes(plan: Plan) -> list[tuple[str, str]]:
+def _scenes(plan: StudyPlan) -> list[tuple[str, str]]:
     return [(clip.name, view) for view in plan.views for clip in plan.clips]
 
 
-def _pairs(plan: Plan) -> list[PlannedTrial]:
+def _pairs(plan: StudyPlan) -> list[PlannedTrial]:
     """Make a silent trial of every pair of systems in every scene."""
-    names = [system.name for system in plan.systems]
+    names = [system.name for system in plan.conditions]
     trials = []
     for scene, (clip, view) in enumerate(_scenes(plan)):
         for first, second in itertools.combinations(range(len(names)), 2):
@@ -131,25 +130,25 @@ def _pairs(plan: Plan) -> list[PlannedTrial]:
     return trials
 
 
-def _matches(plan: Plan) -> list[PlannedTrial]:
+def _matches(plan: StudyPlan) -> list[PlannedTrial]:
     """Make a trial of each motion with its own and the next clip's speech, for every system."""
     names = [clip.name for clip in plan.clips]
     wrong = dict(zip(names, [*names[1:], names[0]], strict=True))
     trials = []
     for scene, (clip, view) in enumerate(_scenes(plan)):
-        for index, system in enumerate(plan.systems):
+        for index, system in enumerate(plan.conditions):
             speeches = (clip, wrong[clip])[:: -1 if (scene + index) % 2 else 1]
             stimuli = tuple(Stimulus(system.name, clip, speech, view) for speech in speeches)
             trials.append(PlannedTrial("match", clip, stimuli))
     return trials
 
 
-def _groups(plan: Plan) -> list[PlannedTrial]:
+def _groups(plan: StudyPlan) -> list[PlannedTrial]:
     """Make one trial with all systems for each scene."""
     kind = KIND_OF_PROTOCOL[plan.protocol]
     return [
         PlannedTrial(
-            kind, clip, tuple(Stimulus(one.name, clip, clip, view) for one in plan.systems)
+            kind, clip, tuple(Stimulus(one.name, clip, clip, view) for one in plan.conditions)
         )
         for clip, view in _scenes(plan)
     ]
@@ -232,14 +231,13 @@ class Balance:
     appearances_spread: int
     """Spread over trials of the number of lists with the trial."""
     trial_position_spread: int
-    """Spread over trials and positions."""
-    follows_spread: int
+    """Spread over trials and positions of how often a trial is at a position of a list."""
+    succession_spread: int
     """Spread over ordered pairs of trials of how often one directly follows the other."""
     first_place_spread_within_trial: int
     """Largest spread within a trial of how often each of its videos is first (left)."""
     first_place_unfairness: float
-    """Largest absolute difference, over lists and systems, of times first and the fair share of
-    them."""
+    """Largest absolute difference, over lists and systems, of times first and their fair share."""
     first_place_shares: dict[str, float]
     """Share of showings in which a condition is first, over all lists."""
 
@@ -249,7 +247,7 @@ def measure_balance(design: Design) -> Balance:
     is_matched = any(trial.kind == "match" for trial in design.trials)
 
     def label(stimulus: Stimulus) -> str:
-        kind = "matched" if stimulus.is_matched else "mismatched"
+        kind = "matched" if stimulus.has_own_speech else "mismatched"
         return f"{stimulus.system} ({kind})" if is_matched else stimulus.system
 
     lists = [[page for page in pages if page.stimuli] for pages in design.lists]
@@ -284,7 +282,7 @@ def measure_balance(design: Design) -> Balance:
         trial_position_spread=_spread(
             pd.Series(pd.crosstab(pages.trial, pages.place).to_numpy().ravel())
         ),
-        follows_spread=_spread(pd.Series(follows)),
+        succession_spread=_spread(pd.Series(follows)),
         first_place_spread_within_trial=int((firsts.max() - firsts.min()).max()),
         first_place_unfairness=round(float(excess.sum().abs().max()), 4),
         first_place_shares={str(name): float(share) for name, share in shares.items()},
@@ -306,14 +304,14 @@ _UNITS_OF_TRIAL = {
 """Unit of an answer, and of what answers are counted for, by kind of trial."""
 
 
-def study_minutes_and_summary(plan: Plan, design: Design) -> tuple[int, str]:
+def study_minutes_and_summary(plan: StudyPlan, design: Design) -> tuple[int, str]:
     """Return the minutes of the longest list, and a sentence on duration, pages and votes."""
-    length_s = plan.length_s or DEFAULT_LENGTH_S
+    length_s = plan.video_s or DEFAULT_LENGTH_S
     seconds = max(
         sum(len(page.stimuli) * length_s + ANSWER_S for page in pages) for pages in design.lists
     )
     num_shown = 2 if plan.protocol == "pairwise" else 1
-    names = sorted(system.name for system in plan.systems)
+    names = sorted(system.name for system in plan.conditions)
     votes = Counter({group: 0 for group in itertools.combinations(names, num_shown)})
     for page in itertools.chain.from_iterable(design.lists):
         shown = sorted({stimulus.system for stimulus in page.stimuli})

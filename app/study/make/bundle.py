@@ -16,13 +16,14 @@ import jinja2
 from app.run.models import get_body, get_system
 from app.run.output.provenance import describe_systems, software_versions
 from app.study.design.blinding import lists_with_ids, stimulus_ids
-from app.study.design.key import StudyKey
-from app.study.design.plan import Plan, load_wording, protocol_questions
+from app.study.design.key import Stimulus, StudyKey
+from app.study.design.plan import StudyPlan, load_wording, protocol_questions
 from app.study.design.trials import Design, measure_balance, study_minutes_and_summary
 from app.study.make import media
+from app.study.make.export_folders import ExportFolders
 from app.study.make.motions import ClipInputs
-from app.study.make.workspace import Workspace
 from model.storage.escaping import csv_text, escape_markdown
+from model.storage.json_validation import type_adapter
 
 SITE = Path(__file__).with_name("site")
 INDEX, DATA = "index.html", "study-data.js"
@@ -56,14 +57,16 @@ def templates() -> jinja2.Environment:
     return env
 
 
-def write_bundle(plan: Plan, design: Design, key: StudyKey, workspace: Workspace) -> None:
-    """Write everything but the videos, and set the same time on all files of the bundle."""
+def write_bundle_page(
+    plan: StudyPlan, design: Design, key: StudyKey, folders: ExportFolders
+) -> None:
+    """Write all files but the videos, then set the same time on all files, videos included."""
     for name, source in SHARED_FILES.items():
-        workspace.write(workspace.bundle / name, source.read_bytes())
-    workspace.write(workspace.bundle / INDEX, index_html(plan.title, plan.post_to))
+        folders.write(folders.bundle / name, source.read_bytes())
+    folders.write(folders.bundle / INDEX, index_html(plan.title, plan.post_to))
     data = json.dumps(page_data(plan, design, key), ensure_ascii=True, separators=(",", ":"))
-    workspace.write(workspace.bundle / DATA, f"{DATA_START}{data};\n")
-    for path in (*workspace.bundle.rglob("*"), workspace.bundle):
+    folders.write(folders.bundle / DATA, f"{DATA_START}{data};\n")
+    for path in (*folders.bundle.rglob("*"), folders.bundle):
         media.set_fixed_mtime(path)
 
 
@@ -81,7 +84,7 @@ def index_html(title: str, post_to: str | None) -> str:
     )
 
 
-def page_data(plan: Plan, design: Design, key: StudyKey) -> dict[str, Any]:
+def page_data(plan: StudyPlan, design: Design, key: StudyKey) -> dict[str, Any]:
     """Return the JSON for the page's script; trials are sorted by their random ids."""
     trials = {
         trial_id: {
@@ -91,19 +94,19 @@ def page_data(plan: Plan, design: Design, key: StudyKey) -> dict[str, Any]:
         for trial_id, trial in sorted(zip(key.trials, design.trials, strict=True))
     }
     return {
-        "study": key.study,
+        "study": key.study_id,
         "title": plan.title,
         "sound": plan.has_sound,
         "postTo": plan.post_to,
         "returnTo": plan.return_to,
-        "panelIds": plan.panel_ids,
+        "panelIds": plan.panel_id_names,
         "minutes": study_minutes_and_summary(plan, design)[0],
         **{name: getattr(plan, name) for name in ("consent", "researchers", "contact", "ethics")},
         "trials": trials,
         "lists": lists_with_ids(design, key),
         **shared_wording(plan.protocol),
         "reasons": load_wording()["reasons"]
-        if plan.reasons and plan.protocol == "pairwise"
+        if plan.asks_reasons and plan.protocol == "pairwise"
         else None,
     }
 
@@ -119,19 +122,19 @@ def shared_wording(protocol: str) -> dict[str, Any]:
 
 
 def write_records(
-    plan: Plan,
+    plan: StudyPlan,
     design: Design,
     key: StudyKey,
     sources: Sequence[ClipInputs],
     weights: Path,
     body: Path | None,
-    workspace: Workspace,
+    folders: ExportFolders,
 ) -> None:
     """Write the researcher's records other than the key."""
     balance = measure_balance(design)
     lists = lists_with_ids(design, key)
     manifest = {
-        "study": key.study,
+        "study": key.study_id,
         "title": plan.title,
         "protocol": plan.protocol,
         "clips": {
@@ -143,7 +146,10 @@ def write_records(
             for source in sources
         },
         "videos": {
-            blind: {**asdict(stimulus), "bytes": workspace.video(blind).stat().st_size}
+            blind: {
+                **type_adapter(Stimulus).dump_python(stimulus, by_alias=True),
+                "bytes": folders.video(blind).stat().st_size,
+            }
             for stimulus, blind in stimulus_ids(key).items()
         },
         "lists": {
@@ -152,13 +158,13 @@ def write_records(
         },
         "balance": asdict(balance),
     }
-    private = workspace.private
-    workspace.write_json(private / "manifest.json", manifest)
-    workspace.write_json(private / "provenance.json", _provenance(plan, sources, weights, body))
+    private = folders.private
+    folders.write_json(private / "manifest.json", manifest)
+    folders.write_json(private / "provenance.json", _provenance(plan, sources, weights, body))
     about = {
         "plan": plan,
         "balance": balance,
-        "size": study_minutes_and_summary(plan, design)[1],
+        "effort": study_minutes_and_summary(plan, design)[1],
         "questions": protocol_questions(plan.protocol),
         "num_trials": sum(trial.kind != "attention" for trial in design.trials),
         "per_person": len(design.lists[0]) - design.num_checks,
@@ -167,16 +173,16 @@ def write_records(
     }
     for name, template in (("README.md", "researcher"), ("preregistration.md", "preregistration")):
         text = templates().get_template(f"{template}.md.j2").render(about)
-        workspace.write(private / name, text)
+        folders.write(private / name, text)
     for name, table in genea_tables(plan, design, key).items():
-        workspace.write(private / "adapters" / "genea" / name, table)
+        folders.write(private / "adapters" / "genea" / name, table)
 
 
 def _provenance(
-    plan: Plan, sources: Sequence[ClipInputs], weights: Path, body: Path | None
+    plan: StudyPlan, sources: Sequence[ClipInputs], weights: Path, body: Path | None
 ) -> dict[str, Any]:
     drawn = get_body(body)
-    names = {system.system for system in plan.systems if system.system is not None}
+    names = {system.system for system in plan.conditions if system.system is not None}
     settings = ("system", "seed", "speaker", "steps", "sampler", "post_filter", "style")
     return {
         "made_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -190,18 +196,18 @@ def _provenance(
                 "motions": _file_names(system.motion),
                 "plans": _file_names(system.plan),
             }
-            for system in plan.systems
+            for system in plan.conditions
         },
         "files_sha256": {source.clip.name: dict(source.file_sha256s) for source in sources},
         "drawing": {
             "body": drawn.name,
             "body_sha256": drawn.sha256,
             "views": list(plan.views),
-            "size": plan.size,
+            "size": plan.video_size_px,
             "face": plan.face,
         },
         "encoding": {
-            "bits_per_second": media.bit_rate(plan.size),
+            "bits_per_second": media.bit_rate(plan.video_size_px),
             "loudness_lufs": media.TARGET_LUFS if plan.has_sound else None,
         },
     }
@@ -211,7 +217,7 @@ def _file_names(files: Any) -> dict[str, str] | None:
     return None if files is None else {clip: path.name for clip, path in files.items()}
 
 
-def genea_tables(plan: Plan, design: Design, key: StudyKey) -> dict[str, str]:
+def genea_tables(plan: StudyPlan, design: Design, key: StudyKey) -> dict[str, str]:
     """Return tables of blind ids for the GENEA leaderboard (github.com/GENEALeaderboard), by name.
 
     One row per trial; the trial's id replaces the clip's name. The table of mismatched speech
@@ -227,6 +233,6 @@ def genea_tables(plan: Plan, design: Design, key: StudyKey) -> dict[str, str]:
         if planned.kind == "pair":
             table.append([trial, *(videos[each] for each in planned.stimuli)])
         elif planned.kind == "match":
-            right, wrong = sorted(planned.stimuli, key=lambda one: not one.is_matched)
+            right, wrong = sorted(planned.stimuli, key=lambda one: not one.has_own_speech)
             table.append([trial, videos[right], "speech", videos[wrong]])
     return {name: csv_text([header, *sorted(table)], line_end="\n")} if name else {}

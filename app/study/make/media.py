@@ -60,11 +60,7 @@ _MIN_BOX = 8
 
 
 def encode_speech(waveform: Float32[np.ndarray, " N"], out: Path, clip: str) -> None:
-    """Encode speech at 16 kHz as one AAC track of -23 LUFS.
-
-    Raises:
-        RunError: if the excerpt is silent.
-    """
+    """Encode speech at 16 kHz as one AAC track of -23 LUFS; raises RunError if it is silent."""
     with tempfile.TemporaryDirectory() as folder:
         wav = Path(folder) / "excerpt.wav"
         write_wav(wav, waveform)
@@ -100,13 +96,9 @@ def bit_rate(size_px: int) -> int:
     return max(MIN_BIT_RATE, round(BITS_PER_PIXEL * size_px * size_px * FPS))
 
 
-def encode_video_stream(drawn: Path, out: Path, size: int, share: float = 1.0) -> None:
-    """Encode the picture of a video as a raw H.264 stream of a fixed rate, with a light grain.
-
-    Args:
-        share: fraction of the rate, met as closely as the encoder can.
-    """
-    wanted = share * bit_rate(size)
+def encode_video_stream(drawn: Path, out: Path, size: int, rate_share: float = 1.0) -> None:
+    """Encode a picture as raw H.264 with light grain, at about ``rate_share`` of the rate."""
+    wanted = rate_share * bit_rate(size)
     rate, best = wanted, None
     with tempfile.TemporaryDirectory(dir=out.parent) as folder:
         for number in range(MAX_ENCODINGS):
@@ -151,7 +143,7 @@ def mux_mp4(stream: Path, track: Path | None, out: Path) -> None:
         blank_user_data(part)
 
 
-def pad_to_equal_size(videos: Sequence[Path]) -> None:
+def pad_to_equal_bytes(videos: Sequence[Path]) -> None:
     """Append an empty `free` box until all files have the same length."""
     sizes = {path: path.stat().st_size for path in videos}
     target = max(sizes.values())
@@ -197,12 +189,12 @@ class Track:
 
     handler: str
     """Handler: ``vide`` or ``soun``."""
-    duration: float
+    duration_s: float
     """Duration (s)."""
     sample_sizes: tuple[int, ...]
     """Size of each sample (bytes): the stream itself, without its container."""
-    codec_settings: bytes
-    """Codec settings (`stsd`) and timing of the samples (`stts`, `elst`)."""
+    codec_and_timing: bytes
+    """Codec settings (`stsd`), timing of the samples (`stts`, `elst`), and header (`tkhd`)."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +202,7 @@ class Mp4:
     """Structure of an MP4 file."""
 
     num_bytes: int
-    boxes: tuple[str, ...]
+    box_types: tuple[str, ...]
     """Types of all boxes, in order."""
     has_timestamps: bool
     """True if a creation or modification time is set."""
@@ -223,11 +215,7 @@ class Mp4:
 
 
 def read_mp4(path: Path) -> Mp4:
-    """Parse an MP4 file.
-
-    Raises:
-        RunError: if the file is not a complete MP4.
-    """
+    """Parse an MP4 file; raises RunError if the file is not a complete MP4."""
     data = path.read_bytes()
     try:
         boxes = [(kind, data[start:end]) for kind, start, end in _places(data, 0, len(data))]
@@ -241,7 +229,7 @@ def read_mp4(path: Path) -> Mp4:
                 tracks[-1].setdefault(kind, body)
         return Mp4(
             num_bytes=len(data),
-            boxes=tuple(kind.decode("latin-1") for kind, _ in boxes),
+            box_types=tuple(kind.decode("latin-1") for kind, _ in boxes),
             has_timestamps=any(any(_numbers(body)[:2]) for kind, body in boxes if kind in _TIMED),
             handler_names=tuple(body[24:].rstrip(b"\0") for kind, body in boxes if kind == b"hdlr"),
             tracks=tuple(map(_track, tracks)),
@@ -283,9 +271,9 @@ def _track(boxes: dict[bytes, bytes]) -> Track:
     kinds = (b"stsd", b"stts", b"elst", b"tkhd")
     return Track(
         handler=boxes[b"hdlr"][8:12].decode("latin-1"),
-        duration=units / scale,
+        duration_s=units / scale,
         sample_sizes=(fixed,) * count if fixed else tuple(each[:count]),
-        codec_settings=b"|".join(boxes.get(kind, b"") for kind in kinds),
+        codec_and_timing=b"|".join(boxes.get(kind, b"") for kind in kinds),
     )
 
 
@@ -332,7 +320,7 @@ def num_unpadded_bytes(stream: bytes) -> int:
     return sum(len(_START) + len(unit) for unit in own)
 
 
-def equalise_frame_sizes(streams: Sequence[Path]) -> None:
+def equalise_frame_bytes(streams: Sequence[Path]) -> None:
     """Pad frame by frame until the n-th frames of all streams have the same number of bytes."""
     all_frames = [split_into_frames(path.read_bytes()) for path in streams]
     # Every frame gets messages: one without them would be known as the largest.

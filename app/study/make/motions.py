@@ -14,7 +14,7 @@ from app.errors import RunError
 from app.run.bodies import body_motion
 from app.run.models import get_body, get_system
 from app.run.plan_edits.edits import check_duration
-from app.study.design.plan import Clip, Condition, Plan
+from app.study.design.plan import Clip, Condition, StudyPlan
 from conventions.rates import FPS, SAMPLE_RATE
 from model.formats.read import read_any_motion
 from model.generation.windows import GenerateOptions, draw_conditions, generate_motion
@@ -22,7 +22,7 @@ from model.motion.motion import Motion
 from model.motion.transforms import apply_post_filter
 from model.plan.files import read_plan_file
 from model.plan.plan import GesturePlan, PlanError
-from model.sampling.samplers import clip_seed
+from model.sampling.samplers import noise_seed_of_clip
 from model.speech.audio import Speech, load_speech
 from model.storage.files import file_sha256
 from renderer.body.body import Body
@@ -42,19 +42,15 @@ class ClipInputs:
     """Excerpt of the speech; None without speech."""
     file_sha256s: Mapping[str, str]
     """SHA-256 of each source file, by ``speech`` or the system's name."""
-    excerpts: Mapping[str, Motion]
+    motion_excerpts: Mapping[str, Motion]
     """Excerpts of motion files, by system."""
     plans: Mapping[str, GesturePlan] = field(default_factory=dict)
     """Plans for systems to perform, by system."""
 
 
-def read_clip_inputs(plan: Plan) -> tuple[ClipInputs, ...]:
-    """Read all speech and motion files and check that their lengths match.
-
-    Raises:
-        RunError, SpeechError, MotionError: with one sentence, before anything is made.
-    """
-    first, *others = sources = tuple(read_inputs_of_clip(plan, clip) for clip in plan.clips)
+def read_all_clip_inputs(plan: StudyPlan) -> tuple[ClipInputs, ...]:
+    """Read all inputs and check their lengths; raises RunError, SpeechError or MotionError."""
+    first, *others = sources = tuple(read_clip_inputs(plan, clip) for clip in plan.clips)
     for source in others if plan.protocol == "matched" else ():
         if source.num_frames != first.num_frames:
             raise RunError(
@@ -65,14 +61,14 @@ def read_clip_inputs(plan: Plan) -> tuple[ClipInputs, ...]:
     return sources
 
 
-def read_inputs_of_clip(plan: Plan, clip: Clip) -> ClipInputs:
-    """Read the speech, motion and plan files of one clip, see `read_clip_inputs`."""
+def read_clip_inputs(plan: StudyPlan, clip: Clip) -> ClipInputs:
+    """Read the speech, motion and plan files of one clip, see `read_all_clip_inputs`."""
     files: dict[str, str] = {}
     speech = None
     lengths: dict[str, int] = {}
     start = round(clip.start_s * FPS)
     motions: dict[str, Motion] = {}
-    for system in plan.systems:
+    for system in plan.conditions:
         name = system.name
         if system.motion is not None:
             path = _existing(system.motion[clip.name], f"motion of {name!r} for clip {clip.name!r}")
@@ -90,7 +86,7 @@ def read_inputs_of_clip(plan: Plan, clip: Clip) -> ClipInputs:
         lengths["the speech"] = round(FPS * (speech.duration_s - clip.start_s))
     num_frames = _common_length(plan, clip, lengths)
     plans = {}
-    for system in plan.systems:
+    for system in plan.conditions:
         if system.plan is not None:
             path = system.plan[clip.name]
             plans[system.name] = _read_plan(system, clip, path, num_frames / FPS)
@@ -100,7 +96,7 @@ def read_inputs_of_clip(plan: Plan, clip: Clip) -> ClipInputs:
         num_frames=num_frames,
         speech=None if speech is None else _excerpt(speech, clip.start_s, num_frames),
         file_sha256s=files,
-        excerpts={
+        motion_excerpts={
             name: motion.part(slice(start, start + num_frames)) for name, motion in motions.items()
         },
         plans=plans,
@@ -109,7 +105,7 @@ def read_inputs_of_clip(plan: Plan, clip: Clip) -> ClipInputs:
 
 def _existing(path: Path, noun: str) -> Path:
     if not path.is_file():
-        raise RunError(f"The {noun} is missing: there is no {path}.")
+        raise RunError(f"The {noun} was not found: {path} does not exist.")
     return path
 
 
@@ -121,16 +117,16 @@ def _read_plan(system: Condition, clip: Clip, path: Path, duration_s: float) -> 
         raise RunError(f"The {what}: {error}") from None
 
 
-def _common_length(plan: Plan, clip: Clip, lengths: Mapping[str, int]) -> int:
+def _common_length(plan: StudyPlan, clip: Clip, lengths: Mapping[str, int]) -> int:
     """Return the frames of the excerpt: ``length_s``, or the common length of the clip's files."""
-    if plan.length_s is not None:
-        wanted = round(plan.length_s * FPS)
+    if plan.video_s is not None:
+        wanted = round(plan.video_s * FPS)
         for what, frames in lengths.items():
             if frames < wanted:
                 raise RunError(
-                    f"Clip {clip.name!r}: {what} lasts {max(frames, 0) / FPS:.1f} s from the start "
-                    f"of the excerpt, less than the video length of {plan.length_s:g} s. Choose a "
-                    "shorter video length."
+                    f"Clip {clip.name!r}: {what} lasts only {max(frames, 0) / FPS:.1f} s from the "
+                    "start of the excerpt (`start_s`), less than the video length of "
+                    f"{plan.video_s:g} s (`length_s`). Choose a shorter video length."
                 )
         return wanted
     if len(set(lengths.values())) > 1:
@@ -141,7 +137,10 @@ def _common_length(plan: Plan, clip: Clip, lengths: Mapping[str, int]) -> int:
         )
     frames = next(iter(lengths.values()))
     if frames < 1:
-        raise RunError(f"Clip {clip.name!r} ends before its `start_s` = {clip.start_s:g}.")
+        raise RunError(
+            f"The files of clip {clip.name!r} end before the start of its excerpt (`start_s` = "
+            f"{clip.start_s:g})."
+        )
     return frames
 
 
@@ -154,14 +153,14 @@ def _excerpt(speech: Speech, start_s: float, num_frames: int) -> Speech:
     return replace(speech, waveform=waveform)
 
 
-def stimulus_motions(
-    plan: Plan,
+def make_clip_motions(
+    plan: StudyPlan,
     source: ClipInputs,
     weights: Path,
     body_path: Path | None,
     should_cancel: Callable[[], bool],
 ) -> dict[str, Motion]:
-    """Return every system's motion of a clip, ready to be drawn.
+    """Read or generate the motion of every system for one clip, ready to be rendered.
 
     Raises:
         RunError: if two systems move exactly alike, or faces cannot be compared.
@@ -169,15 +168,15 @@ def stimulus_motions(
         UnknownNameError, CheckpointError, BodyError: each with one sentence.
     """
     motions = {
-        system.name: source.excerpts[system.name]
+        system.name: source.motion_excerpts[system.name]
         if system.motion is not None
         else _generate(system, source, weights, should_cancel)
-        for system in plan.systems
+        for system in plan.conditions
     }
     for (one, first), (other, second) in itertools.combinations(motions.items(), 2):
         if np.array_equal(first.poses, second.poses) and np.array_equal(first.trans, second.trans):
             raise RunError(  # other bytes may hold the same motion
-                f"The systems {one!r} and {other!r} move exactly alike in clip "
+                f"The systems {one!r} and {other!r} have identical motion in clip "
                 f"{source.clip.name!r}; a comparison needs different motion."
             )
     bases = sorted({motion.expression_basis for motion in motions.values()})
@@ -202,7 +201,7 @@ def _generate(
     loaded = get_system(system.system, weights)
     options = GenerateOptions(
         speaker=system.speaker or next(iter(loaded.speakers)),
-        seed=clip_seed(system.seed, source.clip.name),
+        seed=noise_seed_of_clip(system.seed, source.clip.name),
         steps=system.steps,
         sampler=system.sampler,
     )

@@ -56,14 +56,14 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def preference_bars(results: Sequence[QuestionResult], key: StudyKey) -> Figure:
+def result_bars(results: Sequence[QuestionResult], key: StudyKey) -> Figure:
     """Draw one group of bars per question, one bar per system, with 95 % intervals.
 
     Shares in percent (of votes, of first places or of right choices), with the chance level as a
     line; mean ratings for sliders.
     """
     label, chance = {
-        "right_choices": ("matching speech picked (%)", 50.0),
+        "right_choices": ("matching speech chosen (%)", 50.0),
         "first_places": ("ranked first (%)", 100 / len(key.systems)),
         "share_of_all_votes": ("preferred (% of votes)", 50.0),
         "mean_rating": ("mean rating", None),
@@ -79,7 +79,7 @@ def preference_bars(results: Sequence[QuestionResult], key: StudyKey) -> Figure:
                 at = group + (system - (count - 1) / 2) * width
                 if (bar := result.find_estimate(result.bar_measure, name)) is None:
                     continue
-                value, low, high = (scale * each for each in bar.limits)
+                value, low, high = (scale * each for each in bar.value_and_limits)
                 axes.bar(at, value, 0.92 * width, **_fill(system, count))
                 if np.isfinite(high - low):
                     reach = [[value - low], [high - value]]
@@ -127,7 +127,7 @@ def forest_plot(estimates: Sequence[ResultEstimate]) -> Figure:
         scale, names = 100, [_against(str(one.first), str(one.second)) for one in estimates]
     else:
         best_first = slice(None, None, 1 if measure == "mean_rank" else -1)
-        estimates = sorted(estimates, key=lambda one: one.limits[0])[best_first]
+        estimates = sorted(estimates, key=lambda one: one.value_and_limits[0])[best_first]
         names = [_short(str(one.first)) for one in estimates]
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(WIDTH_IN, 0.8 + ROW_IN * count), layout="constrained")
@@ -136,7 +136,7 @@ def forest_plot(estimates: Sequence[ResultEstimate]) -> Figure:
             axes.axvline(middle, color=FAINT, lw=1, ls=(0, (4, 3)))
         places = np.arange(count)[::-1]
         for place, one in zip(places, estimates, strict=True):
-            value, low, high = (scale * each for each in one.limits)
+            value, low, high = (scale * each for each in one.value_and_limits)
             if np.isfinite(high - low):
                 axes.plot([low, high], [place, place], color=INK, lw=1.6)
             axes.plot(value, place, "o", color=INK, ms=5)
@@ -152,16 +152,18 @@ def forest_plot(estimates: Sequence[ResultEstimate]) -> Figure:
     return figure
 
 
-def figure_to_svg(figure: Figure, name: str, description: str) -> str:
-    """Return inline SVG with a text alternative; ids contain ``name``, as figures share a page."""
+def figure_to_svg(figure: Figure, id_prefix: str, description: str) -> str:
+    """Return inline SVG with a text alternative; ids get a prefix, as figures share a page."""
     buffer = io.StringIO()
     with mpl.rc_context(_STYLE):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]
     used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', svg))
-    svg = re.sub(r' id="([^"]*)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", svg)
-    svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
+    svg = re.sub(
+        r' id="([^"]*)"', lambda m: f' id="{id_prefix}-{m[1]}"' if m[1] in used else "", svg
+    )
+    svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{id_prefix}-", svg)
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     label = printable(description).replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
     return svg.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)

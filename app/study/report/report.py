@@ -40,9 +40,9 @@ def render_report(
     screened: ScreeningResult,
     balance: AnswerBalance,
     results: Sequence[QuestionResult],
-    results_with_all: Sequence[QuestionResult],
+    results_with_implausible: Sequence[QuestionResult],
 ) -> str:
-    """Render the page; ``results_with_all`` include participants that were set aside, if any."""
+    """Render the page; ``results_with_implausible`` is empty if nobody is implausible."""
     return (
         templates()
         .get_template("report.html.j2")
@@ -53,7 +53,7 @@ def render_report(
             skipped=[pages for one in screened.included if (pages := skipped_trials(one))],
             balance=balance,
             results=results,
-            results_with_all=results_with_all,
+            results_with_implausible=results_with_implausible,
         )
     )
 
@@ -106,7 +106,7 @@ def percent(share: float) -> str:
 
 def percent_interval(estimate: ResultEstimate) -> str:
     """Format the interval of a share in percent."""
-    _, low, high = estimate.limits
+    _, low, high = estimate.value_and_limits
     return f"{100 * low:.0f} to {100 * high:.0f}{NO_BREAK}%"
 
 
@@ -117,7 +117,7 @@ def format_number(value: float, form: str = "z.2f") -> str:
 
 def format_interval(estimate: ResultEstimate, form: str = "z.2f") -> str:
     """Format an interval as "from to", or "unknown" if it is infinite."""
-    _, low, high = estimate.limits
+    _, low, high = estimate.value_and_limits
     if not math.isfinite(high - low):
         return "unknown"
     return f"{format_number(low, form)} to {format_number(high, form)}"
@@ -136,9 +136,9 @@ def format_p_with_letter(p: float) -> str:
 
 def better_first(gap: ResultEstimate, is_ranking: bool) -> ResultEstimate:
     """Return the difference of two means as positive, with the better system first."""
-    is_first = (gap.limits[0] > 0) != is_ranking
+    is_first = (gap.value_and_limits[0] > 0) != is_ranking
     one = gap if is_first else gap.with_systems_swapped()
-    value, low, high = one.limits
+    value, low, high = one.value_and_limits
     return replace(one, value=-value, low=-high, high=-low) if is_ranking else one
 
 
@@ -159,7 +159,8 @@ def headline(result: QuestionResult) -> str:
     ranks, ratings = result.estimates_of("mean_rank"), result.estimates_of("mean_rating")
     sign = 1 if ranks else -1
     scores = ranks or ratings or result.estimates_of("log_strength")
-    order = [str(one.first) for one in sorted(scores, key=lambda one: sign * one.limits[0])]
+    scores = sorted(scores, key=lambda one: sign * one.value_and_limits[0])
+    order = [str(one.first) for one in scores]
     if len(order) < 2:
         return f"{name}there are too few answers to compare systems."
     measure = f"{scores[0].measure}_gap" if ranks or ratings else "share"
@@ -210,7 +211,7 @@ def results_csv(results: Sequence[QuestionResult]) -> str:
     for result in results:
         for one in result.estimates:
             cells = dict(zip(names, astuple(one), strict=True))
-            if not one.votes:
+            if not one.num_votes:
                 cells |= dict.fromkeys(_COUNTS)
             shown = (_digits(v) if isinstance(v, float) else v for v in cells.values())
             rows.append((result.question.id, *shown))
@@ -220,15 +221,15 @@ def results_csv(results: Sequence[QuestionResult]) -> str:
 def participants_csv(key: StudyKey, screened: ScreeningResult) -> str:
     """Format one row per participant as CSV: inclusion, skipped pages and ids of the panel."""
     rows: list[Sequence[object]] = [
-        ("file", "participant", *key.panel_ids, "list", *_COLUMNS_OF_PARTICIPANTS)
+        ("file", "participant", *key.panel_id_names, "list", *_COLUMNS_OF_PARTICIPANTS)
     ]
     states = [(one, "yes", "") for one in screened.included]
     states += [(each.participant, "no", each.reason) for each in screened.excluded]
     states += [(each.participant, "implausible", each.reason) for each in screened.implausible]
     for one, counts, why in states:
-        ids = (one.panel.get(name, "") for name in key.panel_ids)
+        ids = (one.panel_values.get(name, "") for name in key.panel_id_names)
         times = (one.started.isoformat(), one.finished.isoformat() if one.finished else "")
-        about = (one.source, one.id, *ids, one.list_number, *times, counts, why)
+        about = (one.file_name, one.id, *ids, one.list_number, *times, counts, why)
         rows.append((*about, len(one.answers), len(skipped_trials(one))))
     return escaping.csv_text(rows)
 
@@ -242,11 +243,11 @@ def latex_table(results: Sequence[QuestionResult], key: StudyKey) -> str:
     """Return a table of systems by questions with the bar chart's numbers (needs booktabs)."""
     captions = {
         "right_choices": (
-            "Correct choices in per cent (ties count half) with 95 % confidence intervals."
+            "Percentage of correct choices (ties count half), with 95 % confidence intervals."
         ),
-        "first_places": "Share of first places in per cent, with 95 % confidence intervals.",
+        "first_places": "Percentage of first places, with 95 % confidence intervals.",
         "share_of_all_votes": (
-            "Share of votes over all comparisons in per cent, with 95 % confidence intervals."
+            "Percentage of votes over all comparisons, with 95 % confidence intervals."
         ),
         "mean_rating": "Mean ratings, with 95 % confidence intervals.",
     }
@@ -264,5 +265,6 @@ def _latex_cell(one: ResultEstimate | None) -> str:
     if one is None:
         return "--"
     scale, digits = (1, 1) if one.measure == "mean_rating" else (100, 0)
-    value, low, high = (f"{scale * each:.{digits}f}" for each in one.limits)
-    return f"{value} [{low}, {high}]" if math.isfinite(one.limits[2]) else f"{value} [unknown]"
+    numbers = one.value_and_limits
+    value, low, high = (f"{scale * each:.{digits}f}" for each in numbers)
+    return f"{value} [{low}, {high}]" if math.isfinite(numbers[2]) else f"{value} [unknown]"

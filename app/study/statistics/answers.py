@@ -24,7 +24,7 @@ from app.study.design.key import (
     Question,
     StudyKey,
 )
-from model.storage.json_validation import STRICT, FieldError, Text, parse_json, read_json
+from model.storage.json_validation import STRICT, InvalidJsonError, Text, parse_json, read_json
 
 TIE = "tie"
 SIMULATION_TRUTH_FILE = "truth.json"
@@ -48,13 +48,13 @@ class Answer:
     """Blind id or `TIE`; blind ids, best first; or ratings by blind id; anything in attention
     checks."""
     reasons: Ids = ()
-    ms: Count = 0
+    page_ms: Annotated[Count, Field(validation_alias="ms")] = 0
     """Time on the trial's page (ms)."""
-    watched: Count = 0
+    num_complete_plays: Annotated[Count, Field(validation_alias="watched")] = 0
     """Number of complete plays of the least played video."""
     is_strong: bool = False
     """True if the participant called the preference clear; false where that is not an option."""
-    skipped: Text | None = None
+    unplayable_video: Annotated[Text | None, Field(validation_alias="skipped")] = None
     """Blind id of a video that the browser could not play, so that the page was skipped without a
     value."""
 
@@ -75,40 +75,37 @@ class Participant:
     list_number: Annotated[ListNumber, Field(validation_alias="list")]
     started: Time
     answers: Annotated[tuple[Answer, ...], PlainValidator(_listed)]
+    """Unparsed JSON values until `drop_invalid_answers` has checked them."""
     finished: Time | None = None
     headphones: Any = None
-    link: Text | None = None
+    link_token: Annotated[Text | None, Field(validation_alias="link")] = None
     """Token of the participant's link."""
-    panel: Annotated[Mapping[PanelName, PanelValue], Field(max_length=MAX_PANEL_IDS)] = field(
-        default_factory=dict
-    )
+    panel_values: Annotated[
+        Mapping[PanelName, PanelValue], Field(max_length=MAX_PANEL_IDS, validation_alias="panel")
+    ] = field(default_factory=dict)
     """Panel ids from the page's address; only those that the plan names."""
     format: Literal[1] = 1
-    source: str = ""
+    file_name: str = ""
     """Name of the file."""
 
 
 @dataclass(frozen=True)
 class CollectedAnswers:
-    """Participants of a study, each once, and a sentence for everything left out."""
+    """Participants of a study, each once, and sentences on all files and answers left out."""
 
     participants: tuple[Participant, ...]
-    left_out: tuple[str, ...]
+    left_out_sentences: tuple[str, ...]
 
 
 def collect_answers(paths: Iterable[Path], key: StudyKey) -> CollectedAnswers:
-    """Read files and folders of answers; unusable ones only add a sentence to ``left_out``.
-
-    Raises:
-        RunError: if a path does not exist or there are too many files.
-    """
+    """Read files and folders of answers, and note unusable ones; raises RunError."""
     participants: list[Participant] = []
     left_out: list[str] = []
     for path in _files(paths):
         try:
             sent = read_json(path, Participant, MAX_FILE_BYTES)
-            participant, refused = drop_invalid_answers(replace(sent, source=path.name), key)
-        except FieldError as error:
+            participant, refused = drop_invalid_answers(replace(sent, file_name=path.name), key)
+        except InvalidJsonError as error:
             left_out.append(f"{path.name} is left out: {error}.")
             continue
         participants.append(participant)
@@ -131,32 +128,28 @@ def _files(paths: Iterable[Path]) -> list[Path]:
             files.append(path)
         else:
             raise RunError(
-                f"There is no file or folder {path}; name files with answers, or folders of them."
+                f"{path} does not exist; give answer files, or folders that contain them."
             )
         if len(files) > MAX_FILES:
             raise RunError(
-                f"There are more than {MAX_FILES:,} files, which is the limit; analyse one "
-                "study at a time."
+                f"There are more than {MAX_FILES:,} files; the limit is {MAX_FILES:,}. Analyse "
+                "one study at a time."
             )
     return list(dict.fromkeys(file.resolve() for file in files))
 
 
 def drop_invalid_answers(sent: Participant, key: StudyKey) -> tuple[Participant, Counter[str]]:
-    """Return the participant with the valid answers only, and counts of the others by reason.
-
-    Raises:
-        FieldError: if nothing of the file can be used.
-    """
-    if sent.study != key.study:
-        raise FieldError("it belongs to another study")
+    """Return the valid answers, and counts of others by reason; raises InvalidJsonError if none."""
+    if sent.study != key.study_id:
+        raise InvalidJsonError("it belongs to another study")
     if sent.list_number not in key.lists:
-        raise FieldError(f"the study has no list {sent.list_number}")
+        raise InvalidJsonError(f"the study has no list {sent.list_number}")
     accepted: dict[tuple[str, str], Answer] = {}
     refused: Counter[str] = Counter()
     for item in sent.answers:
         try:
             answer = parse_json(json.dumps(item), Answer)
-        except FieldError as error:
+        except InvalidJsonError as error:
             refused[str(error)] += 1
             continue
         answered = answer.trial, answer.question
@@ -166,8 +159,10 @@ def drop_invalid_answers(sent: Participant, key: StudyKey) -> tuple[Participant,
             refused[fault] += 1
         else:
             accepted[answered] = answer
-    panel = {name: sent.panel[name] for name in key.panel_ids if name in sent.panel}
-    return replace(sent, answers=tuple(accepted.values()), panel=panel), refused
+    panel = {
+        name: sent.panel_values[name] for name in key.panel_id_names if name in sent.panel_values
+    }
+    return replace(sent, answers=tuple(accepted.values()), panel_values=panel), refused
 
 
 def _answer_error(answer: Answer, key: StudyKey, trials: Sequence[str]) -> str | None:
@@ -176,14 +171,16 @@ def _answer_error(answer: Answer, key: StudyKey, trials: Sequence[str]) -> str |
         return "the trial is not on the participant's list"
     trial = key.trials[answer.trial]
     if answer.question not in trial.questions:
-        return "its trial does not ask the question that was answered"
+        return "the answered question is not part of the trial"
     if trial.expected is not None:
         return None
     if sorted(answer.videos) != sorted(trial.videos):
         return "the videos shown are not those of the trial"
-    if answer.skipped is not None:
-        return None if answer.skipped in answer.videos else "the skipped video was not shown"
-    if answer.watched < 1:
+    if answer.unplayable_video is not None:
+        return (
+            None if answer.unplayable_video in answer.videos else "the skipped video was not shown"
+        )
+    if answer.num_complete_plays < 1:
         return "a video was not watched to its end"
     return _fault_of_value(answer, key.question_by_id[answer.question])
 
@@ -191,13 +188,13 @@ def _answer_error(answer: Answer, key: StudyKey, trials: Sequence[str]) -> str |
 def _fault_of_value(answer: Answer, question: Question) -> str | None:
     videos, value = answer.videos, answer.value
     if question.kind == "choice":
-        return None if value in (*videos, TIE) else "the answer is not among the videos shown"
+        return None if value in (*videos, TIE) else "the chosen video was not shown"
     if question.kind == "ranking":
         is_list = isinstance(value, list) and all(isinstance(item, str) for item in value)
         if not is_list or sorted(value) != sorted(videos):
             return "the ranking does not contain each video exactly once"
     elif not isinstance(value, dict) or set(value) != set(videos):
-        return "the ratings are not of the videos that were shown"
+        return "the rated videos are not those that were shown"
     elif not all(is_number(item) and 0 <= item <= HIGHEST_RATING for item in value.values()):
         return f"a rating is not between 0 and {HIGHEST_RATING}"
     return None
@@ -213,8 +210,8 @@ def _refused_sentence(participant: Participant, refused: Counter[str]) -> str:
     reasons = "; ".join(f"{reason} ({count})" for reason, count in refused.most_common())
     verb = "is" if refused.total() == 1 else "are"
     return (
-        f"{participant.source}: {refused.total()} of {total} answers {verb} left out: {reasons}. "
-        "The others are used."
+        f"{participant.file_name}: {refused.total()} of {total} answers {verb} left out: "
+        f"{reasons}. The others are used."
     )
 
 
@@ -231,7 +228,7 @@ def _each_once(
     """
 
     def standing(one: Participant) -> tuple[bool, bool, datetime, int]:
-        is_signed = key.link_error(one.link, one.list_number) is None
+        is_signed = key.link_error(one.link_token, one.list_number) is None
         is_finished = one.finished is not None
         return is_signed, is_finished, one.finished or one.started, len(one.answers)
 
@@ -248,11 +245,15 @@ def _each_once(
         compared = zip(_PRECEDENCE, standing(better), standing(one), strict=True)
         reason = next((which for which, a, b in compared if a != b), "is equally complete")
         doubles.append(
-            f"{one.source} is left out: its participant also sent {better.source}, which {reason}."
+            f"{one.file_name} is left out: its participant also sent {better.file_name}, "
+            f"which {reason}."
         )
     if count := len(under_way):
         files = "file is" if count == 1 else "files are"
-        doubles.append(f"{count} unfinished {files} left out: later files have the same answers.")
+        doubles.append(
+            f"{count} unfinished {files} left out: later files of the same participant include the "
+            "answers."
+        )
     return list(best.values()), doubles
 
 
@@ -267,4 +268,4 @@ def _named(participant: Participant) -> list[tuple[str, str, str]]:
 
 def skipped_trials(participant: Participant) -> set[str]:
     """Return the trials that a participant skipped, as a video could not be played."""
-    return {answer.trial for answer in participant.answers if answer.skipped is not None}
+    return {answer.trial for answer in participant.answers if answer.unplayable_video is not None}

@@ -29,8 +29,7 @@ from scipy.special import log_softmax
 from app.study.statistics.proportions import CONFIDENCE, Limits, ResultEstimate, with_holm
 
 PRIOR_SD = 2.0
-"""Prior standard deviation (natural log): a strength ratio of exp(2 * 2) = 55 is still plausible.
-"""
+"""Prior standard deviation (natural log): a ratio of exp(2 * 2) = 55 is still plausible."""
 RESAMPLES = 2000
 SEED = 0
 """Fixed seed, so that the same answers give the same report."""
@@ -82,7 +81,7 @@ def mean_limits(values: Float[np.ndarray, "R K"]) -> list[Limits]:
 
 
 @dataclass(frozen=True)
-class Fit:
+class StrengthFit:
     """Fitted parameters (P) and those of resamples.
 
     Log-strengths that sum to 0, then the advantage of the left if votes have sides, then log(tie)
@@ -94,21 +93,23 @@ class Fit:
     num_raters: int
     has_ties: bool
 
-    def estimate(self, measure: str, weights: dict[int, float], *names: str) -> ResultEstimate:
-        """Return a weighted sum of parameters with its interval."""
+    def contrast(
+        self, measure: str, coefficients: dict[int, float], *systems: str
+    ) -> ResultEstimate:
+        """Return the sum of parameters with coefficients by index, and its interval."""
         each = np.zeros(len(self.parameters))
-        each[list(weights)] = list(weights.values())
+        each[list(coefficients)] = list(coefficients.values())
         ((low, high),) = percentile_limits(
             (self.resampled_parameters @ each)[:, None], self.num_raters
         )
         return ResultEstimate(
-            measure, *names, value=float(self.parameters @ each), low=low, high=high
+            measure, *systems, value=float(self.parameters @ each), low=low, high=high
         )
 
 
 def fit_strengths(
     votes: pd.DataFrame, systems: Sequence[str], has_sides: bool, splits_ties: bool = False
-) -> Fit:
+) -> StrengthFit:
     """Fit log-strengths to votes.
 
     Args:
@@ -141,7 +142,7 @@ def fit_strengths(
         design[:, 2, -1] = 1
     best = _maximum(design, counts.sum(0, keepdims=True), np.zeros(design.shape[2]))[0]
     drawn = np.einsum("br,rmo->bmo", resample_counts(num_raters), counts, optimize=True)
-    return Fit(best, _maximum(design, drawn, best), num_raters, has_ties)
+    return StrengthFit(best, _maximum(design, drawn, best), num_raters, has_ties)
 
 
 def _maximum(
@@ -181,7 +182,7 @@ def _maximum(
                 break
             step[falls] /= 2
         beta, height, log_shares = beta + step, new_height, new_log_shares
-    raise AssertionError("Newton's method did not converge on a concave likelihood.")
+    raise AssertionError("Newton's method did not converge, although the likelihood is concave.")
 
 
 def _log_likelihood(
@@ -200,16 +201,16 @@ def strength_estimates(
 ) -> list[ResultEstimate]:
     """Compute log-strengths, their differences, tie parameter, left advantage and Elo ratings."""
     fit = fit_strengths(votes, systems, has_sides)
-    estimates = [fit.estimate("log_strength", {i: 1.0}, name) for i, name in enumerate(systems)]
+    estimates = [fit.contrast("log_strength", {i: 1.0}, name) for i, name in enumerate(systems)]
     estimates += [
-        fit.estimate("log_strength_gap", {a: 1.0, b: -1.0}, systems[a], systems[b])
+        fit.contrast("log_strength_gap", {a: 1.0, b: -1.0}, systems[a], systems[b])
         for a, b in combinations(range(len(systems)), 2)
     ]
     estimates.append(
         ResultEstimate("tie_parameter", value=math.exp(fit.parameters[-1]) if fit.has_ties else 0.0)
     )
     if has_sides:
-        estimates.append(fit.estimate("left_advantage", {len(systems): 1.0}))
+        estimates.append(fit.contrast("left_advantage", {len(systems): 1.0}))
     return estimates + elo_estimates(votes, systems)
 
 
@@ -217,7 +218,7 @@ def elo_estimates(votes: pd.DataFrame, systems: Sequence[str]) -> list[ResultEst
     """Compute Elo ratings as on leaderboards: ties half, no sides, clear preferences twice."""
     fit = fit_strengths(votes, systems, has_sides=False, splits_ties=True)
     scale = ELO_SCALE / math.log(10)
-    estimates = [fit.estimate("elo", {i: scale}, name) for i, name in enumerate(systems)]
+    estimates = [fit.contrast("elo", {i: scale}, name) for i, name in enumerate(systems)]
     return [one.shifted(ELO_MEAN) for one in estimates]
 
 
@@ -299,9 +300,7 @@ def alpha_estimate(units: Iterable[Sequence[float]], level: Level) -> ResultEsti
     return ResultEstimate(measure, value=alpha, low=low, high=high)
 
 
-def _coincidences(
-    units: Iterable[Sequence[float]],
-) -> tuple[Float[np.ndarray, " V"], Any]:
+def _coincidences(units: Iterable[Sequence[float]]) -> tuple[Float[np.ndarray, " V"], Any]:
     """Return the distinct values (V), and their coincidences per unit (sparse, U x V * V)."""
     pairable = [np.asarray(unit, dtype=float) for unit in units if len(unit) >= 2]
     if not pairable:

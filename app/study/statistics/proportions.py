@@ -37,6 +37,7 @@ class ResultEstimate:
 
     measure: str
     first: str | None = None
+    """Name of the first system of a comparison, or of the only system."""
     second: str | None = None
     value: float | None = None
     low: float | None = None
@@ -45,15 +46,15 @@ class ResultEstimate:
     p_holm: float | None = None
     """P value adjusted over the comparisons of the question."""
     wins: int = 0
-    """Votes for the first; of use only for measures of votes."""
+    """Votes for the first system; of use only for measures of votes."""
     ties: int = 0
     losses: int = 0
     participants_for: int = 0
-    """Participants with more votes for the first."""
+    """Participants with more votes for the first system."""
     participants_against: int = 0
 
     @property
-    def votes(self) -> int:
+    def num_votes(self) -> int:
         return self.wins + self.ties + self.losses
 
     @property
@@ -65,7 +66,7 @@ class ResultEstimate:
     @property
     def interval_side(self) -> int:
         """Side of chance on which the printed interval lies: 1 above, -1 below, else 0."""
-        _, low, high = self.limits
+        _, low, high = self.value_and_limits
         # Printed with two digits: in per cent without decimals, differences with two.
         return int(round(low, 2) > self._chance) - int(round(high, 2) < self._chance)
 
@@ -76,30 +77,30 @@ class ResultEstimate:
         Test and interval must agree; with votes, more participants must also lean to that side. If
         the interval is unknown, as all answered alike, the test decides.
         """
-        value, low, high = self.limits
+        value, low, high = self.value_and_limits
         is_finite = np.isfinite(high - low)
         side = self.interval_side if is_finite else int(np.sign(value - self._chance))
         lead = np.sign(self.participants_for - self.participants_against)
-        return side if self.is_significant and (not self.votes or lead == side) else 0
+        return side if self.is_significant and (not self.num_votes or lead == side) else 0
 
     @property
     def _chance(self) -> float:
-        return 0.5 if self.votes else 0.0
+        return 0.5 if self.num_votes else 0.0
 
     @property
-    def limits(self) -> tuple[float, float, float]:
+    def value_and_limits(self) -> tuple[float, float, float]:
         """Value, low and high; all must be known."""
         assert self.value is not None and self.low is not None and self.high is not None
         return self.value, self.low, self.high
 
     def shifted(self, by: float) -> ResultEstimate:
-        value, low, high = self.limits
+        value, low, high = self.value_and_limits
         return replace(self, value=value + by, low=low + by, high=high + by)
 
     def with_systems_swapped(self) -> ResultEstimate:
         """Return the same share from the second's side, or the negated difference."""
-        whole = 1.0 if self.votes else 0.0
-        value, low, high = self.limits
+        whole = 1.0 if self.num_votes else 0.0
+        value, low, high = self.value_and_limits
         return replace(
             self,
             first=self.second,
@@ -134,7 +135,7 @@ def proportion_estimates(
     lead = (score - 0.5).groupby(votes.rater).sum()
     pro, con = int((lead > 0).sum()), int((lead < 0).sum())
     about = ResultEstimate(measure, first, second, share)
-    effective = effective_votes(votes)
+    effective = num_effective_votes(votes)
     low, high = clopper_pearson(share * effective, effective)
     p = sign_test(pro, con) if is_tested else None
     counts = (wins, len(score) - wins - losses, losses, pro, con)
@@ -182,8 +183,8 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return adjusted
 
 
-def effective_votes(
-    votes: pd.DataFrame, variance: float | None = None, freedom: float | None = None
+def num_effective_votes(
+    votes: pd.DataFrame, variance: float | None = None, degrees_of_freedom: float | None = None
 ) -> float:
     """Compute the number of independent yes/no votes with the same information.
 
@@ -194,19 +195,20 @@ def effective_votes(
     unknown, and each participant counts as one vote.
 
     Args:
-        variance: variance of the share; by default that between participants, with its ``freedom``.
+        variance: variance of the share; by default that between participants.
+        degrees_of_freedom: those of ``variance``.
     """
     score, num_raters = votes.score, votes.rater.nunique()
     of_one, share = float(score.var(ddof=0)), float(score.mean())
     if of_one == 0 or num_raters < 2:
         return float(num_raters)
     if variance is None:
-        variance, freedom = _cluster_variance(votes, ["rater"]), num_raters - 1
+        variance, degrees_of_freedom = _cluster_variance(votes, ["rater"]), num_raters - 1
     independent = share * (1 - share) * len(votes) / of_one
     if variance <= 0:
         return independent
     upper = (1 + CONFIDENCE) / 2
-    few = stats.t.ppf(upper, len(votes) - 1) / stats.t.ppf(upper, freedom)
+    few = stats.t.ppf(upper, len(votes) - 1) / stats.t.ppf(upper, degrees_of_freedom)
     return min(independent, float(share * (1 - share) / variance * few**2))
 
 
@@ -232,11 +234,11 @@ def _effective_over_clips(votes: pd.DataFrame) -> float | None:
     added = max(0.0, _cluster_variance(votes, ["clip"]) - both)
     parts = by_rater**2 / (num_raters - 1) + added**2 / (num_clips - 1)
     variance = by_rater + added
-    freedom = variance**2 / parts if parts > 0 else num_raters - 1
-    return effective_votes(votes, variance, freedom)
+    degrees_of_freedom = variance**2 / parts if parts > 0 else num_raters - 1
+    return num_effective_votes(votes, variance, degrees_of_freedom)
 
 
-def detectable_share(num_votes: int, alpha: float = ALPHA) -> float | None:
+def detectable_share(num_independent_votes: int, alpha: float = ALPHA) -> float | None:
     """Compute the smallest share that independent votes distinguish from 1/2 at `POWER`.
 
     Exact: the rejection region of the two-sided binomial test at ``alpha``.
@@ -244,15 +246,15 @@ def detectable_share(num_votes: int, alpha: float = ALPHA) -> float | None:
     Returns:
         A share of 0.5 to 1; None if even unanimous votes would not reach ``alpha``.
     """
-    tail = int(stats.binom.ppf(alpha / 2, num_votes, 0.5)) - 1
-    while stats.binom.cdf(tail + 1, num_votes, 0.5) <= alpha / 2:
+    tail = int(stats.binom.ppf(alpha / 2, num_independent_votes, 0.5)) - 1
+    while stats.binom.cdf(tail + 1, num_independent_votes, 0.5) <= alpha / 2:
         tail += 1
     if tail < 0:
         return None
 
     def lacks(share: float) -> float:
-        low = stats.binom.cdf(tail, num_votes, share)
-        power = low + stats.binom.sf(num_votes - tail - 1, num_votes, share)
+        low = stats.binom.cdf(tail, num_independent_votes, share)
+        power = low + stats.binom.sf(num_independent_votes - tail - 1, num_independent_votes, share)
         return float(power) - POWER
 
     return float(optimize.root_scalar(lacks, bracket=(0.5, 1.0)).root)

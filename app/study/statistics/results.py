@@ -1,4 +1,4 @@
-"""Results of a study from the included participants, with measured jitter and balance."""
+"""Results of a study from the included participants, with measured jerk and balance."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,12 +15,7 @@ import pandas as pd
 from app.errors import RunError
 from app.study.design.key import Question, StudyKey
 from app.study.statistics.answers import Participant
-from app.study.statistics.models import (
-    Level,
-    alpha_estimate,
-    mean_estimates,
-    strength_estimates,
-)
+from app.study.statistics.models import Level, alpha_estimate, mean_estimates, strength_estimates
 from app.study.statistics.proportions import (
     ALPHA,
     ResultEstimate,
@@ -39,11 +33,11 @@ from app.study.statistics.votes import (
     votes_of_system,
 )
 from conventions.names import REFERENCE_NAME
-from model.diagnostics import parse_diagnostics
+from model.diagnostics import with_current_format
 
 JERK = "tip_jerk_m_s3"
 """Mean jerk of the fingertip in m/s³, of the unfiltered motion ("raw")."""
-Jitter = Mapping[tuple[str, str], float]
+JerkByVideo = Mapping[tuple[str, str], float]
 """Value of `JERK` by (clip, system)."""
 
 
@@ -53,13 +47,13 @@ class QuestionResult:
     num_answers: int
     estimates: tuple[ResultEstimate, ...]
     """Numbers as in ``results.csv``; those that the protocol does not have are missing."""
-    level: Level
+    measurement_level: Level
     """Level of measurement for Krippendorff's alpha."""
-    num_units: int
+    num_shared_items: int
     """Number of items judged by two raters or more."""
     num_raters: int
     num_complete_raters: int
-    """Number of raters that judged every system."""
+    """Number of raters that judged every system, in rankings and ratings; 0 for choices."""
     num_comparisons: int
     detectable_share_after_holm: float | None
     """Smallest share that the sign test detects at Holm's first step over all comparisons."""
@@ -69,8 +63,8 @@ class QuestionResult:
 
     def find_estimate(
         self, measure: str, first: str | None = None, second: str | None = None
-    ) -> Any:
-        """Return the `ResultEstimate` of a measure and systems, from either side, or None."""
+    ) -> ResultEstimate | None:
+        """Return the estimate of a measure and systems, from either side, or None."""
         names = {first, second}
         for number in self.estimates_of(measure):
             if first is None or {number.first, number.second} == names:
@@ -82,8 +76,8 @@ class QuestionResult:
         return None
 
     @property
-    def main_comparisons(self) -> list[ResultEstimate]:
-        """Main comparisons of systems."""
+    def main_estimates(self) -> list[ResultEstimate]:
+        """Means of the systems, else shares of the pairs, else right choices by system."""
         kinds = ("mean_rank", "mean_rating", "share", "right_choices")
         return next((estimates for kind in kinds if (estimates := self.estimates_of(kind))), [])
 
@@ -95,15 +89,18 @@ class QuestionResult:
 
 
 def analyse_participants(
-    participants: Sequence[Participant], key: StudyKey, jitter: Jitter | None = None
+    participants: Sequence[Participant], key: StudyKey, jerk_by_video: JerkByVideo | None = None
 ) -> list[QuestionResult]:
     """Compute the results of every question with answers."""
-    results = [_result(participants, key, question, jitter) for question in key.questions]
+    results = [_result(participants, key, question, jerk_by_video) for question in key.questions]
     return [result for result in results if result is not None]
 
 
 def _result(
-    participants: Sequence[Participant], key: StudyKey, question: Question, jitter: Jitter | None
+    participants: Sequence[Participant],
+    key: StudyKey,
+    question: Question,
+    jerk_by_video: JerkByVideo | None,
 ) -> QuestionResult | None:
     votes = votes_of(participants, key, question.id)
     values = rank_and_rating_table(participants, key, question.id)
@@ -150,8 +147,8 @@ def _result(
     estimates.append(alpha_estimate(units, level))
     alone = detectable_share(num_raters)
     estimates.append(ResultEstimate("detectable_share_of_participants", value=alone))
-    if jitter and not is_matched and not is_rating:
-        estimates += join_jitter(votes, jitter)
+    if jerk_by_video and not is_matched and not is_rating:
+        estimates += smoother_chosen_estimates(votes, jerk_by_video)
     comparisons = len(pairs) if is_rating else num_compared
     num_answers = len(values) if is_rating else len(votes)
     if is_ranking:
@@ -160,8 +157,8 @@ def _result(
         question=question,
         num_answers=num_answers,
         estimates=tuple(estimates),
-        level=level,
-        num_units=int((units.map(len) > 1).sum()),
+        measurement_level=level,
+        num_shared_items=int((units.map(len) > 1).sum()),
         num_raters=num_raters,
         num_complete_raters=num_of_means,
         num_comparisons=comparisons,
@@ -169,7 +166,7 @@ def _result(
     )
 
 
-def read_jitter(folder: Path, key: StudyKey) -> Jitter:
+def read_jerk(folder: Path, key: StudyKey) -> JerkByVideo:
     """Read `JERK` from ``folder``/CLIP/diagnostics.json by system.
 
     The recording's value has the name `REFERENCE_NAME`.
@@ -177,37 +174,39 @@ def read_jitter(folder: Path, key: StudyKey) -> Jitter:
     Raises:
         RunError: if there is no file for any clip, or one is damaged.
     """
-    jitter: dict[tuple[str, str], float] = {}
+    jerk_by_video: dict[tuple[str, str], float] = {}
     for clip in key.clips:
         path = folder / clip / "diagnostics.json"
         if not path.is_file():
             continue
         try:
-            diagnostics = parse_diagnostics(json.loads(path.read_bytes()))
+            diagnostics = with_current_format(json.loads(path.read_bytes()))
             measured = {REFERENCE_NAME: diagnostics.get("reference"), **diagnostics["systems"]}
             for name in (name for name in key.systems if measured.get(name)):
                 if value := measured[name]["raw"][JERK]:
-                    jitter[clip, name] = float(value)
+                    jerk_by_video[clip, name] = float(value)
         except (ValueError, LookupError, TypeError, AttributeError) as error:
             raise RunError(
                 f"{path} is not a valid diagnostics file; run `diagnose` again for this clip."
             ) from error
-    if not jitter:
+    if not jerk_by_video:
         raise RunError(
-            f"{folder} contains no diagnostics of this study's clips; it should contain "
-            f"{key.clips[0]}/diagnostics.json and the same file for each other clip."
+            f"{folder} contains no diagnostics of this study's clips; it should contain a file "
+            f"such as {key.clips[0]}/diagnostics.json for each clip."
         )
-    return jitter
+    return jerk_by_video
 
 
-def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[ResultEstimate]:
+def smoother_chosen_estimates(
+    votes: pd.DataFrame, jerk_by_video: JerkByVideo
+) -> list[ResultEstimate]:
     """Compute how often the smoother video is chosen, with and without smoothness as a reason.
 
     Ties, and votes without measured jerk, are left out.
     """
     jerk = {
         side: pd.Series(
-            [jitter.get(at, np.nan) for at in zip(votes["clip"], votes[side], strict=True)],
+            [jerk_by_video.get(at, np.nan) for at in zip(votes["clip"], votes[side], strict=True)],
             votes.index,
             dtype=float,
         )
@@ -228,7 +227,7 @@ def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[ResultEstimate]:
 class AnswerBalance:
     """Balance of the included answers without attention checks."""
 
-    systems: pd.DataFrame
+    by_system: pd.DataFrame
     """Columns by system: ``first``, share of its showings as the first video (leftmost; meaningless
     in matched trials, where every video is of one system), and ``place``, mean position of its
     trials on the list, 0 = first trial, 1 = last; 0.5 is balanced."""
@@ -245,14 +244,14 @@ def measure_answer_balance(participants: Sequence[Participant], key: StudyKey) -
         trials = key.lists[participant.list_number]
         place_of = {trial: place for place, trial in enumerate(trials)}
         for answer in participant.answers:
-            if key.trials[answer.trial].expected is None and answer.skipped is None:
+            if key.trials[answer.trial].expected is None and answer.unplayable_video is None:
                 place = place_of[answer.trial] / max(1, len(trials) - 1)
                 systems = [key.videos[video].system for video in answer.videos]
                 rows += [(system, systems[0] == system, place) for system in set(systems)]
     table = pd.DataFrame(rows, columns=["system", "first", "place"])
     used = Counter(participant.list_number for participant in participants)
     return AnswerBalance(
-        systems=pd.DataFrame(table.groupby("system").mean()).reindex(key.systems).dropna(),
+        by_system=pd.DataFrame(table.groupby("system").mean()).reindex(key.systems).dropna(),
         lists_used=len(used),
         lists_planned=len(key.lists),
         max_participants_per_list=max(used.values(), default=0),

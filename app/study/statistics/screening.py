@@ -27,8 +27,7 @@ sides are balanced on every list. Ties have no position.
 MIN_COPIED_ANSWERS = 5
 """Fewest answers with times equal to the millisecond that count as a copy of another file."""
 SLIDER_TOLERANCE = 5
-"""Largest distance of a slider from an attention check's number: a thumb on a phone covers as much.
-"""
+"""Largest distance of a slider from a check's number: a thumb on a phone covers as much."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +45,8 @@ class ScreeningResult:
     included: tuple[Participant, ...]
     excluded: tuple[ExcludedParticipant, ...] = ()
     implausible: tuple[ExcludedParticipant, ...] = ()
-    """Finished and attentive participants without a valid link, if the study has links, or with
-    implausible answers.
-    """
+    """Finished and attentive participants with implausible answers, with the panel id of another
+    one, or, if the study has links, without a valid link of their own."""
 
 
 def screen(participants: Iterable[Participant], key: StudyKey) -> ScreeningResult:
@@ -74,7 +72,7 @@ def screen(participants: Iterable[Participant], key: StudyKey) -> ScreeningResul
             included.append(one)
     doubted = _link_doubts(included, key)
     doubted |= _panel_doubts([one for one in included if one.id not in doubted], key)
-    doubted |= implausible_answers([one for one in included if one.id not in doubted], key)
+    doubted |= implausibility_reasons([one for one in included if one.id not in doubted], key)
     return ScreeningResult(
         included=tuple(one for one in included if one.id not in doubted),
         excluded=tuple(excluded),
@@ -111,15 +109,15 @@ def _link_doubts(participants: Sequence[Participant], key: StudyKey) -> dict[str
     reasons: dict[str, str] = {}
     used: dict[str, list[Participant]] = defaultdict(list)
     for one in participants:
-        if (why := key.link_error(one.link, one.list_number)) is not None:
+        if (why := key.link_error(one.link_token, one.list_number)) is not None:
             reasons[one.id] = why
-        elif key.link_secret is not None and one.link is not None:
-            used[one.link].append(one)
+        elif key.link_secret is not None and one.link_token is not None:
+            used[one.link_token].append(one)
     for first, *others in used.values():
         are_copies = all(_content(one) == _content(first) for one in others)
         for one in others if are_copies else (first, *others) if others else ():
             other = others[0] if one is first else first
-            reasons[one.id] = f"its link was also used for {other.source}"
+            reasons[one.id] = f"its link was also used for {other.file_name}"
     return reasons
 
 
@@ -127,25 +125,26 @@ def _panel_doubts(participants: Sequence[Participant], key: StudyKey) -> dict[st
     """Return by participant why they repeat another one: the same panel id, finished later."""
     reasons: dict[str, str] = {}
     first: dict[str, Participant] = {}
-    own = key.panel_ids[0] if key.panel_ids else ""
+    own = key.panel_id_names[0] if key.panel_id_names else ""
     for one in sorted(participants, key=lambda one: one.finished or one.started):
-        if (value := one.panel.get(own)) is not None:
+        if (value := one.panel_values.get(own)) is not None:
             earlier = first.setdefault(value, one)
             if earlier is not one:
-                reasons[one.id] = f"the same {own} as {earlier.source}, which was finished earlier"
+                name = earlier.file_name
+                reasons[one.id] = f"the same {own} as {name}, which was finished earlier"
     return reasons
 
 
-def implausible_answers(participants: Sequence[Participant], key: StudyKey) -> dict[str, str]:
+def implausibility_reasons(participants: Sequence[Participant], key: StudyKey) -> dict[str, str]:
     """Return by participant why the answers are implausible; no entry for the others."""
     reasons = {}
     sources: dict[tuple, str] = {}
     for one in participants:
         why = _implausibility(one, key)
         if len(one.answers) >= MIN_COPIED_ANSWERS:
-            first = sources.setdefault(_content(one), one.source)
-            if first != one.source:
-                why = why or f"identical answers and response times as {first}"
+            first = sources.setdefault(_content(one), one.file_name)
+            if first != one.file_name:
+                why = why or f"the same answers and response times as {first}"
         if why:
             reasons[one.id] = why
     return reasons
@@ -158,9 +157,9 @@ def _implausibility(participant: Participant, key: StudyKey) -> str | None:
     judged = [
         one
         for one in participant.answers
-        if key.trials[one.trial].expected is None and one.skipped is None
+        if key.trials[one.trial].expected is None and one.unplayable_video is None
     ]
-    spent = {one.trial: one.ms / 1000 for one in judged}
+    spent = {one.trial: one.page_ms / 1000 for one in judged}
     lasts = {one.trial: (key.video_s or SHORTEST_VIDEO_S) * len(one.videos) for one in judged}
     hasty = sum(spent[trial] < TOLERANCE * lasts[trial] for trial in spent)
     if hasty > MAX_FAST_SHARE * len(spent):
@@ -184,11 +183,11 @@ def _implausibility(participant: Participant, key: StudyKey) -> str | None:
     ):
         evidence = [pluralise(failed, "attention check") + " failed"] if failed else []
         evidence += (
-            [f"{hasty} of {len(spent)} trials answered before the videos could end"]
+            [f"{hasty} of {len(spent)} trials answered in less time than the videos last"]
             if hasty
             else []
         )
-        return f"the same answer by position in every trial, and also {', '.join(evidence)}"
+        return f"the same screen position chosen in every trial; also {', '.join(evidence)}"
     return None
 
 
@@ -203,4 +202,6 @@ def _place(answer: Answer) -> object:
 
 
 def _content(participant: Participant) -> tuple:
-    return tuple((one.trial, one.question, str(one.value), one.ms) for one in participant.answers)
+    return tuple(
+        (one.trial, one.question, str(one.value), one.page_ms) for one in participant.answers
+    )

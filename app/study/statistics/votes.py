@@ -78,7 +78,7 @@ def _judged(
     for rater, participant in enumerate(participants):
         for answer in participant.answers:
             trial = key.trials[answer.trial]
-            is_judged = trial.expected is None and answer.skipped is None
+            is_judged = trial.expected is None and answer.unplayable_video is None
             if answer.question == question and is_judged:
                 yield rater, answer.trial, trial.clip, answer
 
@@ -86,7 +86,7 @@ def _judged(
 def _name(key: StudyKey, video: str) -> str:
     """Return the system's name, in matched studies with `MISMATCHED` for other speech."""
     condition = key.videos[video]
-    is_other = key.protocol == "matched" and not condition.is_matched
+    is_other = key.protocol == "matched" and not condition.has_own_speech
     return condition.system + MISMATCHED if is_other else condition.system
 
 
@@ -187,7 +187,7 @@ def _battles_read(table: pd.DataFrame, name: str) -> tuple[StudyKey, list[Partic
             )
         )
     key = StudyKey(
-        study=name,
+        study_id=name,
         title=name,
         protocol="matched" if is_matched else "pairwise",
         systems=tuple(sorted({video.system for video in videos.values()})),
@@ -196,10 +196,10 @@ def _battles_read(table: pd.DataFrame, name: str) -> tuple[StudyKey, list[Partic
         trials=trials,
         lists={n: tuple(each.trial for each in of) for n, of in enumerate(answers.values())},
         attention_rule=AttentionRule(0),
-        participants=len(answers),
+        num_participants_planned=len(answers),
     )
     then = datetime(2000, 1, 1, tzinfo=UTC)
     return key, [
-        Participant(name, user, number, then, tuple(votes), then, source=user)
+        Participant(name, user, number, then, tuple(votes), then, file_name=user)
         for number, (user, votes) in enumerate(answers.items())
     ]

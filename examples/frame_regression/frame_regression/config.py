@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from model.generation.family import Family
-from model.sampling.samplers import Sampler
+from model.sampling.samplers import SamplerChoice
 from model.training.config import SMOKE, TrainConfig
 
 MEAN, DRAWN = "regression/mean", "regression/drawn"
@@ -34,11 +34,11 @@ FAMILY = Family(
         DRAWN: "The same with smooth noise, as large as the error that the mean leaves.",
     },
     samplers={
-        MEAN: (Sampler("mean", 1, title="The mean, without noise"),),
-        DRAWN: (Sampler("smoothed", 3, title="Noise, smoothed once a step"),),
+        MEAN: (SamplerChoice("mean", 1, title="The mean, without noise"),),
+        DRAWN: (SamplerChoice("smoothed", 3, title="Noise, smoothed once a step"),),
     },
     presets=presets,
     package="frame_regression",
     shared_weights={DRAWN: MEAN},
-    weights=Path(__file__).parent / "weights",
+    shipped_weights_folder=Path(__file__).parent / "weights",
 )

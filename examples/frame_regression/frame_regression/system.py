@@ -27,7 +27,7 @@ class RegressionSystem(System):
     def window(self, speech: SpeechWindow, before: Window | None, spec: WindowSpec) -> Window:
         """See `System.window`."""
         frames = self.windowing.frames
-        pose, face = self.network(speech.with_context(CONTEXT, frames))
+        pose, face = self.network(speech.trim_context(CONTEXT, frames))
         poses = pose.expand(spec.num_samples, -1, -1)
         if self.is_drawn:
             noise = _smooth(spec.noise((frames, POSE)), spec.steps)
@@ -59,8 +59,8 @@ def load(name: str, folder: Path) -> RegressionSystem:
         **fields,
         sha256s={trained.name: trained.sha256},
         windowing=Windowing(frames=60, overlap=8, context=CONTEXT),
-        frame="parent",
-        root_motion="place",
+        rotation_frame="local",
+        root_format="place",
         network=trained.load_into(network),
         is_drawn=name == DRAWN,
     )

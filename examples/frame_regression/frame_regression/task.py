@@ -15,7 +15,7 @@ from model.training.task import TaskSetup
 class RegressionTask:
     """See `model.training.task.Task`: what trains need not be one descent."""
 
-    window_frames, context = 60, CONTEXT
+    window_frames, context_frames = 60, CONTEXT
 
     def __init__(self, config: RegressionConfig, speech_dim: int) -> None:
         torch.manual_seed(config.random_seed)
@@ -40,7 +40,7 @@ class RegressionTask:
         error = pose - batch.poses
         parts = {
             "body": error.square().mean(),
-            "face": (face - batch.expression).square().mean(),
+            "face": (face - batch.arkit_weights).square().mean(),
             "height": (self.network.height - batch.transl[..., 1]).square().mean(),
         }
         log_spread = self.network.log_spread

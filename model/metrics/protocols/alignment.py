@@ -16,10 +16,10 @@ from model.metrics.beats import (
     BEAT_JOINTS,
     MINIMUM_ORDER,
     beat_align_audio_to_motion,
-    joint_beats,
     joint_speeds,
-    onsets_within_margins,
+    onsets_between_margins,
     speech_onsets,
+    upper_body_beats,
 )
 from model.metrics.protocols.clip import Clip, Sums
 
@@ -36,29 +36,30 @@ class BeatAlignVariant:
     """Frames that are left out at both ends."""
     max_frames: int | None = None
     """Number of frames of a clip that are used; all by default."""
-    uses_deviations: bool = False
-    """Use the distances of coordinates from their means, which the trainer leaves in the array."""
+    mimics_trainer: bool = False
+    """Take the distances of coordinates from their means, which the trainer leaves in the array,
+    and the end of the sound from the whole recording."""
     ignores_root_rotation: bool = False
     """Ignore the root's rotation."""
 
     def __call__(self, clip: Clip) -> Sums:
-        assert clip.waveform is not None and clip.mean_speeds is not None
+        assert clip.waveform is not None and clip.published_mean_speeds is not None
         joints = clip.pelvis_aligned[: self.max_frames]
         frames, start = len(joints), int(self.margin * _SAMPLES_A_FRAME)
         audio = clip.waveform[: int(frames * _SAMPLES_A_FRAME)]
         # The trainer takes the end from the whole recording, the others from the motion.
-        full = len(clip.waveform) if self.uses_deviations else len(audio)
+        full = len(clip.waveform) if self.mimics_trainer else len(audio)
         audio = audio[start : full - start]
         if frames <= 2 * self.margin or not len(audio):
             return {}
         if self.ignores_root_rotation:
             joints = np.einsum("tij,tki->tkj", clip.root_rotations[:frames].astype(float), joints)
-        if self.uses_deviations:
+        if self.mimics_trainer:
             joints = np.abs(joints - joints.mean(axis=0))
         onsets = speech_onsets(audio)
         if not len(onsets):
             return {}
-        speeds = joint_speeds(joints[:, BEAT_JOINTS]) / clip.mean_speeds
+        speeds = joint_speeds(joints[:, BEAT_JOINTS]) / clip.published_mean_speeds
         beats = []
         for speed in speeds.T:
             (minima,) = argrelextrema(
@@ -70,21 +71,19 @@ class BeatAlignVariant:
         return {"count": np.array(float(count)), "beat_align": np.array(score * count)}
 
 
-def workbench_beat_sums(clip: Clip, speeds: Literal["reference", "own", "emage"]) -> Sums:
-    """Compute the sums of this workbench's BeatAlign (`model.metrics.beats`) for a clip.
-
-    Args:
-        speeds: source of the mean speeds of the joints.
-    """
+def workbench_beat_sums(
+    clip: Clip, mean_speed_source: Literal["reference", "own", "emage"]
+) -> Sums:
+    """Compute the sums of this workbench's BeatAlign (`model.metrics.beats`) for a clip."""
     assert clip.waveform is not None
-    mean_speeds = clip.mean_speeds
-    if speeds != "emage":
-        source = clip.reference if speeds == "reference" else clip
+    mean_speeds = clip.published_mean_speeds
+    if mean_speed_source != "emage":
+        source = clip.reference if mean_speed_source == "reference" else clip
         assert source is not None
         mean_speeds = joint_speeds(source.pelvis_aligned[:, BEAT_JOINTS]).mean(axis=0)
     assert mean_speeds is not None
-    onsets = onsets_within_margins(speech_onsets(clip.waveform), len(clip.joints) / FPS)
+    onsets = onsets_between_margins(speech_onsets(clip.waveform), len(clip.joints) / FPS)
     if not len(onsets):
         return {}
-    score = beat_align_audio_to_motion(onsets, joint_beats(clip.pelvis_aligned, mean_speeds))
+    score = beat_align_audio_to_motion(onsets, upper_body_beats(clip.pelvis_aligned, mean_speeds))
     return {"count": np.array(1.0), "beat_align": np.array(score)}

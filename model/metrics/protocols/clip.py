@@ -29,7 +29,7 @@ class Clip:
     """Recorded motion of the same length."""
     waveform: Float[np.ndarray, " N"] | None = None
     """Speech at 16 kHz."""
-    mean_speeds: Float[np.ndarray, " 13"] | None = None
+    published_mean_speeds: Float[np.ndarray, " 13"] | None = None
     """Published mean speeds (m/s) of the upper-body joints."""
     semantics: Float[np.ndarray, " T"] | None = None
     """Semantic relevance of each frame, 0 to 1, as annotated in BEAT."""
@@ -59,10 +59,11 @@ class ProtocolInputs:
     """Inputs that clips of one speech share; None for what is missing."""
 
     waveform: Float[np.ndarray, " N"] | None = None
-    mean_speeds: Float[np.ndarray, " 13"] | None = None
+    published_mean_speeds: Float[np.ndarray, " 13"] | None = None
     semantics: Float[np.ndarray, " M"] | None = None
     """Semantic relevance of at least as many frames as are measured."""
-    face_vertices: Callable[[Motion], FaceVertices | None] | None = None
+    make_face_vertices: Callable[[Motion], FaceVertices | None] | None = None
+    """Function from a motion to its face; None for one without ARKit blendshapes."""
 
     def make_clip(self, motion: Motion, tracks: Tracks, reference: Clip | None = None) -> Clip:
         """Make the clip of a motion; its face has the body shape of its reference."""
@@ -74,9 +75,9 @@ class ProtocolInputs:
             tracks.R_world_joint[:, 0].copy(),  # a view would keep all of a long clip's
             reference,
             self.waveform,
-            self.mean_speeds,
+            self.published_mean_speeds,
             None if self.semantics is None else self.semantics[: motion.num_frames],
-            None if self.face_vertices is None else self.face_vertices(face),
+            None if self.make_face_vertices is None else self.make_face_vertices(face),
             motion.betas,
         )
 

@@ -38,10 +38,10 @@ def l1_diversity_sums(clip: Clip) -> Sums:
 
 
 FORMULAS: Mapping[str, Formula] = {
-    "beats/workbench": Formula(partial(workbench_beat_sums, speeds="reference")),
-    "beats/workbench-own": Formula(partial(workbench_beat_sums, speeds="own")),
-    "beats/workbench-emage": Formula(partial(workbench_beat_sums, speeds="emage")),
-    "beats/emage": Formula(BeatAlignVariant(threshold=0.3, margin=60, uses_deviations=True)),
+    "beats/workbench": Formula(partial(workbench_beat_sums, mean_speed_source="reference")),
+    "beats/workbench-own": Formula(partial(workbench_beat_sums, mean_speed_source="own")),
+    "beats/workbench-emage": Formula(partial(workbench_beat_sums, mean_speed_source="emage")),
+    "beats/emage": Formula(BeatAlignVariant(threshold=0.3, margin=60, mimics_trainer=True)),
     "beats/evaltools": Formula(
         BeatAlignVariant(threshold=0.1, margin=60, ignores_root_rotation=True)
     ),
@@ -59,16 +59,17 @@ FORMULAS: Mapping[str, Formula] = {
 """Formulas by id."""
 
 
-def protocol_sums(clip: Clip, with_default_metrics: bool = False) -> dict[str, Sums]:
+def protocol_sums(clip: Clip, with_metrics_measured_elsewhere: bool = False) -> dict[str, Sums]:
     """Compute the sums of a clip for all protocols that have their inputs, by id.
 
     Args:
-        with_default_metrics: also compute metrics of this program, which are measured apart.
+        with_metrics_measured_elsewhere: also compute metrics of this program that other code
+            measures.
     """
     sums = {
         name: formula.sums(clip)
         for name, formula in FORMULAS.items()
-        if (with_default_metrics or not PROTOCOLS[name].is_default_metric)
+        if (with_metrics_measured_elsewhere or not PROTOCOLS[name].is_measured_elsewhere)
         and all(getattr(clip, need) is not None for need in PROTOCOLS[name].required_inputs)
     }
     return {name: each for name, each in sums.items() if each}

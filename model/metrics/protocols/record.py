@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 ProtocolInput = Literal[
-    "reference", "waveform", "mean_speeds", "semantics", "face_vertices", "emage_weights",
+    "reference", "waveform", "published_mean_speeds", "semantics", "face_vertices", "emage_weights",
     "genea_weights",
 ]  # fmt: skip
 
@@ -17,7 +17,7 @@ class Protocol:
     id: str
     rule: str
     """Definition of the number for its readers, one to three sentences."""
-    input: str
+    measured_quantity: str
     """Joints, coordinates and units."""
     segments: str
     """Frames of each clip that are measured, and how clips are averaged."""
@@ -34,11 +34,14 @@ class Protocol:
     encoder: str = "none"
     """File of the encoder and its sha256."""
     seed: str = "none"
-    is_default_metric: bool = False
+    is_measured_elsewhere: bool = False
     """True for a metric of this program, which ordinary runs measure without its formula."""
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the metric: its values, and if there is one only, the id and its first part."""
+    def metric_names(self) -> tuple[str, ...]:
+        """Names by which the metric is requested.
+
+        They are its values, and if there is one only, also the id and its first part.
+        """
         values = tuple(self.value_units or ())
         return (*values, self.id, self.id.partition("/")[0]) if len(values) == 1 else values

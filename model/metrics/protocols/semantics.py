@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from conventions.rates import FPS
 from model.metrics.protocols.clip import Clip, Sums
-from model.storage.files import read_capped
+from model.storage.files import read_within_limit
 from model.storage.npz import MotionError
 
 MAX_BYTES, MAX_LABELS = 2**20, 5_000
@@ -28,7 +28,7 @@ def read_semantics(path: Path, num_frames: int) -> Float[np.ndarray, " T"]:
     """
     relevance, times = np.zeros(num_frames), np.arange(num_frames) / FPS
     is_labelled = np.zeros(num_frames, bool)
-    lines = read_capped(path, MAX_BYTES, MotionError).decode("utf-8", "replace").splitlines()
+    lines = read_within_limit(path, MAX_BYTES, MotionError).decode("utf-8", "replace").splitlines()
     if len(lines) > MAX_LABELS:
         raise MotionError(
             f"{path.name} has {len(lines)} lines; a file of labels may have at most {MAX_LABELS}."
@@ -41,8 +41,8 @@ def read_semantics(path: Path, num_frames: int) -> Float[np.ndarray, " T"]:
         except ValueError:
             raise MotionError(
                 f"Line {number} of {path.name} is not a label in BEAT's format (name, start, end, "
-                "duration and a score from 0 to 1, separated by tabs). Give a file from BEAT's "
-                "folder sem."
+                "duration and a score from 0 to 1, separated by tabs). Use a file from the "
+                "`sem` folder of BEAT."
             ) from None
         inside = (start <= times) & (times <= end) & ~is_labelled
         relevance[inside], is_labelled = score, is_labelled | inside

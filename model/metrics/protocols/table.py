@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 from model.metrics.protocols.record import Protocol, ProtocolInput
 
 if TYPE_CHECKING:
-    from model.metrics.results import BeatSpeeds
+    from model.metrics.results import BeatSpeedSource
 
 WORKBENCH = "workbench/1"
 """Id of the metrics that have no published rule of their own."""
@@ -24,13 +24,14 @@ GENEA_LENGTHS = (30, 60, 90)
 _OPEN = "positions of 55 joints of the open body (m), y up, flat hands, betas 0"
 _PELVIS_ALIGNED = f"{_OPEN}, pelvis-aligned"
 _WHOLE = "whole clips; mean over clips"
-_CODES = "whole clips; one distance between the codes of all clips"
+_CODES = "one distance between the codes of all generated and all recorded clips"
+_CODES_8 = f"whole clips; {_CODES}; one code per 8 frames"
 _UPPER = (
     "onsets detected by librosa (hop of 512 samples); positions of 13 upper-body joints of the "
     "open body (m), pelvis-aligned"
 )
 _BEAT = {"beat_align": "0 to 1"}
-_FACE = "SMPL-X vertices (m), posed by jaw, FLAME expressions and betas only"
+_FACE = "SMPL-X vertices (m) from betas, jaw pose and FLAME expressions (other joints at rest)"
 _BY_LENGTH = "whole clips; mean over clips, weighted by length"
 _WITHOUT_60 = "without the first and last 60 frames; mean over clips, weighted by length"
 _WITHOUT_2_S = "without the first and last 2 s; mean over clips"
@@ -45,34 +46,35 @@ PROTOCOLS: Mapping[str, Protocol] = {
     for record in (
         Protocol(
             WORKBENCH,
-            "Metrics that this program defines itself, in docs/formats.md and docs/evaluation.md. "
-            "Compare them only with other results of this program.",
+            "Metrics defined by this program; see docs/formats.md and docs/evaluation.md. Compare "
+            "them only with other results of this program.",
             _OPEN, _WHOLE, "docs/formats.md", "our own",
         ),
         Protocol(
             "beats/workbench",
             "BeatAlign: how close each speech onset is to the nearest motion beat. A motion beat "
             "is a local minimum of a joint's speed that is above 0.3 times the joint's mean speed "
-            "in the reference. With other mean speeds the id is beats/workbench-own or "
-            "beats/workbench-emage.",
+            "in the reference. Variants take the mean speed from the evaluated motion "
+            "(beats/workbench-own) or from EMAGE (beats/workbench-emage).",
             _UPPER, _WITHOUT_2_S,
             "EMAGE's formula, with the times of beats and onsets from the start of the clip",
-            "our own", _BEAT, ("waveform", "reference"), is_default_metric=True,
+            "our own", _BEAT, ("waveform", "reference"), is_measured_elsewhere=True,
         ),
         Protocol(
             "beats/workbench-own",
             "BeatAlign as in beats/workbench, but with the joint's mean speed in the evaluated "
             "motion instead of the reference, so that a slow motion is not penalised.",
             _UPPER, _WITHOUT_2_S, "as beats/workbench", "our own", _BEAT, ("waveform",),
-            is_default_metric=True,
+            is_measured_elsewhere=True,
         ),
         Protocol(
             "beats/workbench-emage",
             "BeatAlign as in beats/workbench, but with the mean joint speeds published by EMAGE. "
-            "EMAGE's own code gives another value (beats/emage), because it counts the times of "
-            "beats from another start.",
+            "EMAGE's own code gives another value (beats/emage), because it counts the frames of "
+            "beats from the start of the evaluated slice but applies the threshold at that frame "
+            "of the whole clip.",
             _UPPER, _WITHOUT_2_S, "as beats/workbench", "our own", _BEAT,
-            ("waveform", "mean_speeds"), is_default_metric=True,
+            ("waveform", "published_mean_speeds"), is_measured_elsewhere=True,
         ),
         Protocol(
             "beats/emage",
@@ -81,7 +83,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "mean position (for L1 diversity), so its motion beats are minima of the speed of "
             "these differences.",
             _UPPER, _WITHOUT_60, f"{_PANTOMATRIX}, scripts/EMAGE_2024", value_units=_BEAT,
-            required_inputs=("waveform", "mean_speeds"),
+            required_inputs=("waveform", "published_mean_speeds"),
         ),
         Protocol(
             "beats/evaltools",
@@ -89,7 +91,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "threshold (0.1) and no pelvis rotation. Its values are higher than those of "
             "beats/emage.",
             _UPPER, _WITHOUT_60, f"{_PANTOMATRIX}, emage_evaltools/mertic.py", value_units=_BEAT,
-            required_inputs=("waveform", "mean_speeds"),
+            required_inputs=("waveform", "published_mean_speeds"),
         ),
         Protocol(
             "beats/raggesture",
@@ -100,13 +102,13 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "frames 10 to 290 of each clip, or up to 10 frames before its end; mean over clips, "
             "weighted by length",
             f"{_RAG}, tools/evaluate.py", value_units=_BEAT,
-            required_inputs=("waveform", "mean_speeds"),
+            required_inputs=("waveform", "published_mean_speeds"),
         ),
         Protocol(
             "beats/asynfusion",
             "How close each motion beat is to the nearest speech onset, with a Gaussian kernel "
-            "(standard deviation 0.1 s). The paper does not state its standard deviation, so its "
-            "numbers cannot be compared.",
+            "(standard deviation 0.1 s). The AsynFusion paper does not state the standard "
+            "deviation of its kernel, so values cannot be compared with the paper's.",
             _UPPER, _WITHOUT_2_S, "AsynFusion, eq. 18",
             value_units={"beat_align_motion_to_audio": "0 to 1"},
             required_inputs=("waveform", "reference"),
@@ -115,15 +117,15 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "l1div/emage",
             "L1 distance between the joint positions and their mean over the clip, summed over "
             "all 165 coordinates. EMAGE itself uses a body with the mean hand pose and the clip's "
-            "betas.",
+            "betas, so its values differ.",
             _PELVIS_ALIGNED, _WHOLE, f"{_PANTOMATRIX}, L1div", value_units={"l1_diversity_m": "m"},
-            is_default_metric=True,
+            is_measured_elsewhere=True,
         ),
         Protocol(
             "diversity/globaldiff",
-            "Mean L1 distance between the joint positions of two clips, in their first 10 s. It "
-            "is implemented from the paper's text, because the paper's repository has no code for "
-            "it.",
+            "Mean L1 distance between the joint positions in the first 10 s of two clips, over all "
+            "pairs of clips. It is implemented from the paper's text, because the paper's "
+            "repository has no code for it.",
             _PELVIS_ALIGNED, "first 10 s; mean over pairs of clips", "GlobalDiff, section 4",
             value_units={"pairwise_l1_m": "m"},
         ),
@@ -139,7 +141,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "Fréchet distance between the latent codes of generated and recorded motion, with the "
             "encoder of this program. It cannot be compared with a published FGD.",
             "55 local rotations, root velocity along x and z, root height",
-            f"{_CODES}; one code per 8 frames", "Yoon et al. 2020",
+            _CODES_8, "Yoon et al. 2020",
             "our own", {"fgd": ""}, ("reference",),
             encoder="fgd-encoder of the bundled weights",
         ),
@@ -147,7 +149,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "fed/workbench",
             "Fréchet distance as in fgd/workbench, but with an encoder of the 52 facial "
             f"blendshapes only. {_NEEDS_ARKIT}",
-            "52 blendshapes", f"{_CODES}; one code per 8 frames", "AsynFusion, eq. 16", "our own",
+            "52 blendshapes", _CODES_8, "AsynFusion, eq. 16", "our own",
             {"fed": ""}, ("reference",), encoder="fed-encoder of the bundled weights",
         ),
         Protocol(
@@ -155,16 +157,16 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "Fréchet distance as in fgd/workbench, but with an encoder of body motion and facial "
             f"blendshapes together. {_NEEDS_ARKIT}",
             "55 local rotations, root velocity along x and z, root height, 52 blendshapes",
-            f"{_CODES}; one code per 8 frames", "AsynFusion, eq. 16", "our own", {"fmd": ""},
+            _CODES_8, "AsynFusion, eq. 16", "our own", {"fmd": ""},
             ("reference",), encoder="fmd-encoder of the bundled weights",
         ),
         Protocol(
             "fgd/emage",
             "FGD as in papers on BEAT2, with EMAGE's autoencoder on whole clips. Compare only "
-            "values on the same clips and the same number of speakers. Papers print the value "
-            "times 10.",
+            "values that were computed on the same clips (the value also depends on the number of "
+            "speakers). Papers report this value multiplied by 10.",
             "55 local rotations as 6D vectors (first two rows)",
-            f"{_CODES}, each cut to a multiple of 32 frames; one code per 16 frames",
+            f"{_CODES}; clips cut to a multiple of 32 frames; one code per 16 frames",
             f"{_PANTOMATRIX}, emage_evaltools/mertic.py", value_units={"fgd": ""},
             required_inputs=("reference", "emage_weights"),
             encoder="AESKConv_240_100.bin, which you provide",
@@ -239,20 +241,20 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "its recording. In clips of up to about 150 s it is near 1 for any two motions; clips "
             "shorter than 10 s are left out.",
             "positions of 51 joints of body and hands (cm), pelvis-aligned", _WHOLE,
-            f"{_GENEA}, cca.py, but averaged over clips instead of its global value",
+            f"{_GENEA}, cca.py, with the mean over clips instead of one value over all clips",
             value_units={"cca": "0 to 1"}, required_inputs=("reference",),
         ),
         Protocol(
             "mse_face/emage",
             "Mean squared error of the vertices of a licensed SMPL-X body posed by jaw and "
-            "expressions only. Papers print it in units of 1e-8.",
+            "expressions only. Papers report it in units of 1e-8.",
             _FACE, _BY_LENGTH, f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
             value_units={"mse_m2": "m²"}, required_inputs=("reference", "face_vertices"),
         ),
         Protocol(
             "lvd/emage",
             "Mean absolute error of the frame-to-frame displacement of the vertices of "
-            "mse_face/emage. Papers print it in units of 1e-5; a bug in the code of older papers "
+            "mse_face/emage. Papers report it in units of 1e-5; a bug in the code of older papers "
             "makes their values four times as large.",
             _FACE, _BY_LENGTH, f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
             value_units={"lvd_m": "m"}, required_inputs=("reference", "face_vertices"),
@@ -264,7 +266,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
 FLAG_OF_INPUT: Mapping[ProtocolInput, str] = {
     "reference": "--reference",
     "waveform": "--speech",
-    "mean_speeds": "--mean-speeds",
+    "published_mean_speeds": "--mean-speeds",
     "semantics": "--semantics",
     "face_vertices": "--body",
     "emage_weights": "--emage-weights",
@@ -273,7 +275,7 @@ FLAG_OF_INPUT: Mapping[ProtocolInput, str] = {
 """Flag of `diagnose` that gives each input."""
 
 
-_BEATS: Mapping[BeatSpeeds, str] = {
+_BEATS: Mapping[BeatSpeedSource, str] = {
     "reference": "beats/workbench",
     "own": "beats/workbench-own",
     "emage": "beats/workbench-emage",
@@ -287,25 +289,20 @@ PROTOCOL_OF_METRIC: Mapping[str, str] = {
     "beat_align_audio_to_motion": "beats/workbench",
     "beat_align_motion_to_audio": "beats/asynfusion",
 }
-"""Protocols of metrics in ``diagnostics.json`` and ``evaluation.json`` that have a rule of their
-own."""
+"""Protocols of metrics in ``diagnostics.json`` and ``evaluation.json`` with a rule of their own."""
 
 
-def protocol_of(metric: str, speeds: BeatSpeeds = "own") -> str:
-    """Return the protocol's id of a metric in our files.
-
-    Args:
-        speeds: source of the mean speeds of BeatAlign.
-    """
+def protocol_of(metric: str, beat_speed_source: BeatSpeedSource = "own") -> str:
+    """Return the protocol's id of a metric in our files."""
     metric = metric.removesuffix("_floor").removesuffix("_chance").removesuffix("_chance_highest")
     is_beat = metric in ("beat_align", "beats_per_joint_s")
-    return PROTOCOL_OF_METRIC.get(metric, _BEATS[speeds] if is_beat else WORKBENCH)
+    return PROTOCOL_OF_METRIC.get(metric, _BEATS[beat_speed_source] if is_beat else WORKBENCH)
 
 
 T = TypeVar("T")
 
 
-def without_missing_parts(by_id: Mapping[str, T], missing_parts: Collection[str]) -> dict[str, T]:
+def measurable_without(by_id: Mapping[str, T], missing_parts: Collection[str]) -> dict[str, T]:
     """Leave out protocols that need a part which a motion lacks."""
     return {
         name: each
@@ -319,7 +316,7 @@ HEADINGS = ("id", "rule", "input", "flags", "source")
 
 def protocol_row(record: Protocol) -> tuple[str, str, str, str, str]:
     """Return the cells of a record in a table with `HEADINGS`."""
-    parts = [f"{record.input}, {record.rate_fps:g} fps", record.segments]
+    parts = [f"{record.measured_quantity}, {record.rate_fps:g} fps", record.segments]
     parts += [f"{name} {each}" for name, each in (
         ("encoder", record.encoder), ("seed", record.seed)
     ) if each != "none"]  # fmt: skip

@@ -34,8 +34,8 @@ class DualBranchConfig(BranchConfig):
 
 
 @dataclass(frozen=True)
-class AsynFusionLoss:
-    """Weights of eq. 15."""
+class AsynFusionLossWeights:
+    """Weights of the terms of eq. 15."""
 
     noise: float = 10.0
     velocity: float = 1.0
@@ -45,12 +45,13 @@ class AsynFusionLoss:
 
 
 @dataclass(frozen=True)
-class AsynFusionConfig(TrainConfig):
+class AsynFusionTrainConfig(TrainConfig):
     """Settings of a training of the two branches, by noise or by distillation."""
 
     network: DualBranchConfig = field(default_factory=DualBranchConfig)
     aim: TrainingTarget = "noise"
-    loss: AsynFusionLoss = field(default_factory=AsynFusionLoss)
+    """Training target; the key in weight cards."""
+    loss: AsynFusionLossWeights = field(default_factory=AsynFusionLossWeights)
     independent_steps_share: float = 0.5
     """Share of samples with independent steps of the branches, as in sampling the face with fewer
     steps; the paper does not mention it."""
@@ -65,9 +66,9 @@ class AsynFusionConfig(TrainConfig):
             raise ValueError(f"aim is {self.aim!r}; use {' or '.join(get_args(TrainingTarget))}.")
 
 
-def presets(system: str) -> dict[str, AsynFusionConfig]:
+def presets(system: str) -> dict[str, AsynFusionTrainConfig]:
     """Return the settings by name; those of `LCM_SYNC` distil `DDIM`."""
-    config = AsynFusionConfig(
+    config = AsynFusionTrainConfig(
         system=system,
         batch_size=64,
         steps=9400,

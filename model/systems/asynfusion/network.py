@@ -123,40 +123,39 @@ class DualBranchNetwork(ConditionedNetwork):
             seed: the clean first frames; ignored where ``has_seed`` is false.
             has_speech: false hides the speech from both branches.
         """
-        outputs = self.evaluate(
+        outputs = self.predict_active(
             BRANCHES, x_t, t, {},
-            speech=self.speech_tokens(speech, has_speech), seed=seed, speaker=speaker,
+            speech_tokens=self.speech_tokens(speech, has_speech), seed=seed, speaker=speaker,
         has_seed=has_seed, )  # fmt: skip
         return outputs[EXPRESSION], outputs[GESTURE]
 
-    def evaluate(
+    def predict_active(
         self,
         active: Sequence[int],
         x_t: Pair,
         t: Pair,
         buffer: FeatureBuffer,
         *,
-        speech: Float[Tensor, "B T width"],
+        speech_tokens: Float[Tensor, "B T width"],
         seed: Pair,
         speaker: Int[Tensor, " B"],
         has_seed: Bool[Tensor, " B"],
     ) -> dict[int, Float[Tensor, "B T C"]]:
-        """Predict clean motion of the ``active`` branches.
+        """Predict clean motion of the ``active`` branches and update their features in the buffer.
 
         Args:
             buffer: latest features of the branches, used for inactive ones and updated.
-            speech: tokens of the speech (`speech_tokens`), shared by branches and steps.
         """
         clean, entered = {}, {}
         for which in active:
             inputs = x_t[which], t[which], seed[which], has_seed
             prior = self.branches[which].prior
             clean[which] = (
-                prior.consistency(*inputs) if self.consistent else prior.posterior_mean(*inputs)
+                prior.flow_to_data(*inputs) if self.consistent else prior.posterior_mean(*inputs)
             )
             condition = self.condition(t[which], speaker)
             entered[which] = self.branches[which].embed(
-                x_t[which], clean[which], speech, seed[which], has_seed, condition
+                x_t[which], clean[which], speech_tokens, seed[which], has_seed, condition
             )
         frames = {which: entered[which][0] for which in active}
         for layer in range(self.config.num_blocks):

@@ -60,11 +60,7 @@ def noise_from_clean(
 
 
 def trailing_steps(count: int) -> Int[Tensor, " count"]:
-    """Return ``count`` evenly spaced steps, from pure noise (999) down (Lin et al. 2024).
-
-    Raises:
-        ValueError: unless ``count`` is between 1 and the number of diffusion steps.
-    """
+    """Return steps evenly from noise (999) down (Lin et al. 2024); raises ValueError."""
     if not 1 <= count <= NUM_STEPS:
         raise ValueError(
             f"The number of sampling steps must be from 1 to {NUM_STEPS}; got {count}."
@@ -90,10 +86,10 @@ def sample(
     network: DualBranchNetwork,
     guide: ClassifierFreeGuidance,
     noise: Noise,
-    counts: Sequence[int],
+    step_counts: Sequence[int],
     sampler: SamplerName,
     *,
-    speech: Float[Tensor, "copies T width"],
+    speech_tokens: Float[Tensor, "copies T width"],
     seed: Pair,
     speaker: Int[Tensor, " B"],
     has_seed: Bool[Tensor, " B"],
@@ -103,30 +99,30 @@ def sample(
     Args:
         guide: guidance of the body; the face stays as trained. With guidance, both branches of the
             unconditional copies have no speech, as in training.
-        counts: steps of the expression branch and of the gesture branch.
+        step_counts: steps of the expression branch and of the gesture branch.
         sampler: ``ddim`` follows the path of the noise that a step predicts; ``lcm`` adds new noise
             to the motion that it predicts (Luo et al. 2023).
-        speech: tokens of the speech, with guidance followed by those of absent speech.
+        speech_tokens: tokens of the speech, with guidance followed by those of absent speech.
     """
     twice = guide.duplicate
     conditions: dict[str, Any] = {
-        "speech": speech, "seed": map_branches(twice, seed), "speaker": twice(speaker),
-        "has_seed": twice(has_seed),
+        "speech_tokens": speech_tokens, "seed": map_branches(twice, seed),
+        "speaker": twice(speaker), "has_seed": twice(has_seed),
     }  # fmt: skip
-    grids = [flow_times()[trailing_steps(count)].tolist() for count in counts]
-    own = [branch_step_indices(count, max(counts)) for count in counts]
+    grids = [flow_times()[trailing_steps(count)].tolist() for count in step_counts]
+    own = [branch_step_indices(count, max(step_counts)) for count in step_counts]
     x = [noise(which, 0) for which in BRANCHES]
     t = [torch.full((len(x[which]),), grids[which][0]) for which in BRANCHES]
     buffer: FeatureBuffer = {}
-    for k in range(max(counts)):
+    for k in range(max(step_counts)):
         busy = [which for which in BRANCHES if k in own[which]]
         now = map_branches(twice, (x[0], x[1])), map_branches(twice, (t[0], t[1]))
-        predictions = network.evaluate(busy, *now, buffer, **conditions)
+        predictions = network.predict_active(busy, *now, buffer, **conditions)
         for which in busy:
             clean = predictions[which]
             clean = guide.combine(clean) if which == GESTURE else clean[: len(speaker)]
             done = own[which].index(k) + 1
-            if done == counts[which]:
+            if done == step_counts[which]:
                 x[which], t[which] = clean, torch.ones_like(t[which])
                 continue
             follows = sampler == "ddim"
@@ -142,9 +138,9 @@ def sample(
 class DualWindow(Window):
     """A window with the input of the next one."""
 
-    face: Float[Tensor, "B n E"]
+    unblended_face: Float[Tensor, "B n E"]
     """Normalised blendshapes of its frames before blending."""
-    body: Float[Tensor, "B n C"]
+    unblended_body: Float[Tensor, "B n C"]
     """Normalised body motion of its frames before blending."""
 
 
@@ -164,10 +160,15 @@ class AsynFusionSystem(System):
         if before is None:
             seed = [torch.zeros(size, config.seed_frames, count) for count in channels]
         else:
-            seed = [stream[:, -config.seed_frames :] for stream in (before.face, before.body)]
-        around = speech.with_context(config.speech_context, config.window_frames)
-        guide = spec.guide(self.statistics[GESTURE].normaliser, "axis-angle")
-        tokens = self.network.speech_tokens(guide.duplicate(around[None]), guide.is_conditional(1))
+            seed = [
+                stream[:, -config.seed_frames :]
+                for stream in (before.unblended_face, before.unblended_body)
+            ]
+        around = speech.trim_context(config.speech_context, config.window_frames)
+        guide = spec.make_guidance(self.statistics[GESTURE].normaliser, "axis-angle")
+        tokens = self.network.speech_tokens(
+            guide.duplicate(around[None]), guide.conditional_mask(1)
+        )
         sampled = sample(
             self.network,
             guide,
@@ -176,8 +177,8 @@ class AsynFusionSystem(System):
             SAMPLER_NAMES[SAMPLER_NAMES.index(spec.sampler)],
             seed=(seed[0], seed[1]),
             has_seed=torch.full((size,), before is not None),
-            speech=tokens.repeat_interleave(size, dim=0),
-            speaker=torch.full((size,), spec.speaker),
+            speech_tokens=tokens.repeat_interleave(size, dim=0),
+            speaker=torch.full((size,), spec.speaker_index),
         )
         units, vectors = (
             stream.normaliser.restore(x) for stream, x in zip(self.statistics, sampled, strict=True)
@@ -191,8 +192,8 @@ class AsynFusionSystem(System):
             rotmat=rotations(vectors, "axis-angle"),
             root=vectors[..., -ROOT_DIM:],
             expression=units,
-            face=face,
-            body=body,
+            unblended_face=face,
+            unblended_body=body,
         )
 
 
@@ -204,13 +205,15 @@ def load(name: str, folder: Path) -> AsynFusionSystem:
     consistent = trained.card.setting("aim") == "teacher"
     fields = FAMILY.system_fields(name, trained.card)
     if not trained.card.setting("speech_dropout"):  # trained with speech only
-        fields["samplers"] = tuple(replace(one, guidance=None) for one in fields["samplers"])
+        fields["samplers"] = tuple(
+            replace(one, default_guidance=None) for one in fields["samplers"]
+        )
     return AsynFusionSystem(
         **fields,
         sha256s={trained.name: trained.sha256},
         windowing=Windowing(config.window_frames, config.seed_frames, config.speech_context),
-        frame="parent",
-        root_motion="place",
+        rotation_frame="local",
+        root_format="place",
         config=config,
         network=trained.load_into(DualBranchNetwork(config, statistics, consistent=consistent)),
         statistics=statistics,

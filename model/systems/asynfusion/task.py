@@ -12,7 +12,12 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
 from model.networks.trained import TrainedWeights
 from model.sampling.flow import ClassifierFreeGuidance, interpolate
-from model.systems.asynfusion.config import DDIM, AsynFusionConfig, AsynFusionLoss, DualBranchConfig
+from model.systems.asynfusion.config import (
+    DDIM,
+    AsynFusionLossWeights,
+    AsynFusionTrainConfig,
+    DualBranchConfig,
+)
 from model.systems.asynfusion.network import (
     BRANCHES,
     GESTURE,
@@ -30,7 +35,7 @@ from model.training.parallel import ShardedRandom
 from model.training.targets import (
     Targets,
     fit_component_prior,
-    fit_face_prior,
+    fit_or_reuse_face_prior,
     network_conditions,
     prepare_targets,
     prior_batches,
@@ -47,12 +52,12 @@ class BranchesTask(SingleNetworkTask):
     The student starts as the teacher, `DDIM` among the helpers.
     """
 
-    is_compiled = True
-    config: AsynFusionConfig
+    is_worth_compiling = True
+    config: AsynFusionTrainConfig
 
-    def __init__(self, config: AsynFusionConfig, data: PreparedData, setup: TaskSetup) -> None:
+    def __init__(self, config: AsynFusionTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape, device = config.network, setup.shard.device
-        weights = setup.begin(config, data, shape.num_speakers)
+        weights = setup.seed_and_read_initial_weights(config, data, shape.num_speakers)
         self.targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
         taught = (
             TrainedWeights.read(setup.helper_weights, DDIM) if config.aim == "teacher" else None
@@ -83,17 +88,19 @@ class BranchesTask(SingleNetworkTask):
     def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shard = self.config, draws.shard
         with torch.no_grad():
-            vectors = self.targets.windows(batch.rows(shard.rows))
-            motion = shard.of(batch.expression), vectors.to(shard.device)
+            vectors = self.targets.windows(batch.part(shard.rows))
+            motion = shard.local_rows(batch.arkit_weights), vectors.to(shard.device)
             x_1 = map_branches(lambda n, m: n.normalise(m), self.normalisers, motion)
             noise = map_branches(lambda x: draws.noise(x.shape[1:]), x_1)
-            steps = map_branches(shard.of, draw_steps(draws.size, config, draws.generator))
+            steps = map_branches(
+                shard.local_rows, draw_steps(draws.batch_size, config, draws.generator)
+            )
             t = map_branches(lambda k: flow_times().to(k.device)[k], steps)
             x_t = map_branches(interpolate, noise, x_1, t)
             seed_frames = config.network.seed_frames
             conditions: dict[str, Any] = {"seed": map_branches(lambda x: x[:, :seed_frames], x_1)}
-            hidden = "seed", "speech", "speaker"
-            conditions |= network_conditions(config, network, batch, draws, hidden)
+            droppable = "seed", "speech", "speaker"
+            conditions |= network_conditions(config, network, batch, draws, droppable)
         with shard.autocast():
             predicted = network(x_t, t, **conditions)
             if self.teacher is not None:
@@ -108,7 +115,7 @@ class BranchesTask(SingleNetworkTask):
                     "consistency": pseudo_huber(predicted[which], wanted[which].float())
                 }
             else:
-                branch_losses = noise_loss_terms(
+                branch_losses = noise_training_terms(
                     config.loss, self.normalisers[which], x_t[which], predicted[which],
                     x_1[which], noise[which], t[which],
                 )  # fmt: skip
@@ -127,13 +134,13 @@ def fit_statistics(
     vectors: Float[Tensor, "N C"] = torch.cat([body.flatten(0, 1) for body in bodies])
     body = Normaliser.fit(vectors, groups=AXIS_ANGLE_GROUPS)
     return (
-        BranchStatistics(*fit_face_prior(data, config)),
+        BranchStatistics(*fit_or_reuse_face_prior(data, config)),
         BranchStatistics(*fit_component_prior(body, bodies, config.seed_frames)),
     )
 
 
 def draw_steps(
-    size: int, config: AsynFusionConfig, generator: torch.Generator
+    size: int, config: AsynFusionTrainConfig, generator: torch.Generator
 ) -> tuple[Int[Tensor, " B"], Int[Tensor, " B"]]:
     """Draw diffusion steps of both branches: equal, or independent in a share of the samples."""
     # A student needs one step of the solver below it.
@@ -144,8 +151,8 @@ def draw_steps(
     return torch.where(is_apart, other, gesture), gesture
 
 
-def noise_loss_terms(
-    weights: AsynFusionLoss,
+def noise_training_terms(
+    weights: AsynFusionLossWeights,
     normaliser: Normaliser,
     x_t: Float[Tensor, "B T C"],
     predicted: Float[Tensor, "B T C"],
@@ -154,7 +161,7 @@ def noise_loss_terms(
     t: Float[Tensor, " B"],
 ) -> dict[str, Float[Tensor, " B"]]:
     """Compute weighted eqs. 12 to 14: noise in components, the others in normalised channels."""
-    restored, wanted = (normaliser.scaled(normaliser.restore(x)) for x in (predicted, x_1))
+    restored, wanted = (normaliser.standardise(normaliser.restore(x)) for x in (predicted, x_1))
     huber = F.huber_loss(restored, wanted, reduction="none", delta=weights.huber_delta)
     return {
         "noise": weights.noise * losses.simple_loss(noise_from_clean(x_t, predicted, t), noise),
@@ -165,7 +172,7 @@ def noise_loss_terms(
 
 @torch.no_grad()
 def consistency_target(
-    config: AsynFusionConfig,
+    config: AsynFusionTrainConfig,
     network: nn.Module,
     teacher: DualBranchNetwork,
     normaliser: Normaliser,

@@ -21,7 +21,7 @@ from torch import Tensor
 from model.generation.base import SpeechWindow, System, Window, Windowing, WindowSpec, crossfade
 from model.generation.family import Family
 from model.motion.packing import Normaliser
-from model.networks.branch import ExtraConditionEncoder, PriorNetwork
+from model.networks.branch import ExtraConditionEncoder, PriorResidualNetwork
 from model.networks.config import BranchConfig
 from model.networks.trained import TrainedWeights
 from model.plan.plan_features import NUM_FACE_TRACKS
@@ -31,8 +31,8 @@ from model.storage.cards import CheckpointError, load_card
 from model.systems.face.config import EXPRESSION, ExpressionConfig
 
 
-class FaceNetwork(PriorNetwork):
-    """Network that predicts blendshapes x_1 from `PriorNetwork`'s inputs and a plan's tracks."""
+class FaceNetwork(PriorResidualNetwork):
+    """Network of blendshapes x_1 from a plan's tracks and `PriorResidualNetwork`'s inputs."""
 
     config: ExpressionConfig
 
@@ -49,7 +49,7 @@ class FaceNetwork(PriorNetwork):
         has_plan: Bool[Tensor, " B"] | None = None,
         **conditions: Shaped[Tensor, "B ..."],
     ) -> Float[Tensor, "B T E"]:
-        """Predict the clean components x_1, with the inputs of `PriorNetwork` and a plan.
+        """Predict the clean components x_1, with the inputs of `PriorResidualNetwork` and a plan.
 
         ``tracks`` are `model.plan.plan_features.FACE_TRACKS` of the speech's frames; ``has_plan``
         drops them.
@@ -85,13 +85,13 @@ class FaceModel:
         speaker: int,
         seed: Float[Tensor, "B S E"] | None,
         noise: Float[Tensor, "B T E"],
-        plan: Float[Tensor, "B T_ctx tracks"] | None = None,
+        face_tracks: Float[Tensor, "B T_ctx tracks"] | None = None,
     ) -> Float[Tensor, "B T E"]:
         """Sample windows of blendshapes.
 
         Args:
             seed: normalised last frames of the windows before; None at the start of a clip.
-            plan: `model.plan.plan_features.FACE_TRACKS` of the same frames as the speech.
+            face_tracks: `model.plan.plan_features.FACE_TRACKS` of the same frames as the speech.
         """
         size = len(speech)
         seed_poses = torch.zeros_like(noise[:, : self.config.seed_frames]) if seed is None else seed
@@ -104,7 +104,7 @@ class FaceModel:
         }
 
         def predict(x_t: Float[Tensor, "B T E"], t: float) -> Tensor:
-            return self.network(x_t, torch.full((size,), t), tracks=plan, **conditions)
+            return self.network(x_t, torch.full((size,), t), tracks=face_tracks, **conditions)
 
         x_1 = self.network.prior.sample(predict, noise, seed, steps=FACE_STEPS)
         return self.normaliser.restore(x_1).clamp(0, 1)
@@ -116,7 +116,7 @@ class FaceModel:
         before: Float[Tensor, "n E"] | None,
         noise_seed: int,
         index: int,
-        plan: Float[Tensor, "T_ctx tracks"] | None = None,
+        face_tracks: Float[Tensor, "T_ctx tracks"] | None = None,
     ) -> Float[Tensor, "T E"]:
         """Sample the blendshapes of one window, blended with the end of the one before.
 
@@ -125,15 +125,15 @@ class FaceModel:
         shared = self.config.seed_frames
         end = None if before is None else before[-shared:]
         key_parts = (
-            None if each is None else each.numpy().tobytes() for each in (speech, plan, end)
+            None if each is None else each.numpy().tobytes() for each in (speech, face_tracks, end)
         )
         key = speaker, noise_seed, index, *key_parts
         cached = self._cache.get(key)
         if cached is None:
             seed = None if end is None else self.normaliser.normalise(end[None])
             noise = self.noise(noise_seed, index)
-            planned = None if plan is None else plan[None]
-            cached = self.sample(speech[None], speaker, seed, noise, planned)[0]
+            tracks = None if face_tracks is None else face_tracks[None]
+            cached = self.sample(speech[None], speaker, seed, noise, tracks)[0]
             if end is not None:
                 cached = torch.cat([crossfade(end, cached[:shared]), cached[shared:]])
             self._cache[key] = cached
@@ -141,10 +141,10 @@ class FaceModel:
                 self._cache.popitem(last=False)
         return cached
 
-    def noise(self, seed: int, window: int) -> Float[Tensor, "1 T E"]:
-        """Draw the noise of a window, the same for every system and length."""
+    def noise(self, noise_seed: int, index: int) -> Float[Tensor, "1 T E"]:
+        """Draw the noise of window ``index``, the same for every system and length."""
         shape = 1, self.config.window_frames, self.config.expression_dim
-        return seeded_noise([seed, 1, window], shape)
+        return seeded_noise([noise_seed, 1, index], shape)
 
 
 def load_face(folder: Path) -> FaceModel:
@@ -165,7 +165,7 @@ class SeedingWindow(Window):
     """A window with the input of the next one."""
 
     clean: Float[Tensor, "B n C"]
-    """Normalised motion of its frames before blending."""
+    """Normalised motion of its frames before blending, which only seeds the next window."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,8 +179,10 @@ class FaceFirstSystem(System):
     """Statistics of the body's motion."""
     face: FaceModel
 
-    def face_plan(self, speech: Float[Tensor, "T_ctx dim"]) -> Float[Tensor, "T_ctx tracks"] | None:
-        """Return the plan's face tracks from those of `conditioning`; None without a plan."""
+    def face_tracks(
+        self, conditioning: Float[Tensor, "T_ctx dim"]
+    ) -> Float[Tensor, "T_ctx tracks"] | None:
+        """Return the plan's face tracks in the result of `conditioning`; None without a plan."""
         return None
 
     @abstractmethod
@@ -196,7 +198,6 @@ class FaceFirstSystem(System):
         Args:
             speech: features of the window and ``config.speech_context`` frames on either side, as
                 `conditioning` returns them: the encoder's first.
-            expression: blendshapes that condition the body.
             seed: normalised motion of the first frames; None at the start of a clip.
         """
 
@@ -206,18 +207,18 @@ class FaceFirstSystem(System):
         """Generate a window (`System.window`): the face, for all samples, then the body."""
         assert before is None or isinstance(before, SeedingWindow)
         frames = self.windowing.frames
-        speech_window = speech.with_context(self.face.config.speech_context, frames)
+        speech_window = speech.trim_context(self.face.config.speech_context, frames)
         face = self.face.window(
             speech_window[:, : self.encoder.dim],
-            spec.speaker,
+            spec.speaker_index,
             None if before is None else before.expression[0],
             spec.seed,
             spec.index,
-            self.face_plan(speech_window),
+            self.face_tracks(speech_window),
         )
         seed = None if before is None else before.clean[:, -self.config.seed_frames :]
         return self.sample_body(
-            speech.with_context(self.config.speech_context, frames), face, seed, spec
+            speech.trim_context(self.config.speech_context, frames), face, seed, spec
         )
 
     def join(self, older: Window, newer: Window) -> Window:

@@ -11,7 +11,7 @@ from model.systems.face.config import FaceTrainConfig
 from model.systems.face.face import FaceNetwork
 from model.training import losses
 from model.training.parallel import ShardedRandom
-from model.training.targets import fit_face_prior, network_conditions
+from model.training.targets import fit_or_reuse_face_prior, network_conditions
 from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 
@@ -22,8 +22,8 @@ class FaceTask(SingleNetworkTask):
 
     def __init__(self, config: FaceTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.expression
-        weights = setup.begin(config, data, shape.num_speakers)
-        normaliser, prior = fit_face_prior(data, shape, weights)
+        weights = setup.seed_and_read_initial_weights(config, data, shape.num_speakers)
+        normaliser, prior = fit_or_reuse_face_prior(data, shape, weights)
         network = FaceNetwork(shape, prior)
         super().__init__(
             setup, config, weights, network, normaliser, shape.window_frames, shape.speech_context
@@ -35,22 +35,22 @@ class FaceTask(SingleNetworkTask):
     def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shape, shard = self.config, self.config.expression, draws.shard
         with torch.no_grad():
-            units = shard.of(batch.expression)
+            units = shard.local_rows(batch.arkit_weights)
             x_1 = self.normaliser.normalise(units)
             x_0 = draws.noise(x_1.shape[1:])
             t = draws.flow_times(config.flow_time_power)
             conditions = network_conditions(
-                config, network, batch, draws, hidden=("seed", "speaker")
+                config, network, batch, draws, droppable=("seed", "speaker")
             )
             conditions["seed"] = x_1[:, : shape.seed_frames]
             if self.plans is not None:
                 tracks, _ = self.plans.tracks_and_kinds(batch, shape.speech_context)
-                conditions["tracks"] = shard.of(tracks[..., FACE_TRACKS])
+                conditions["tracks"] = shard.local_rows(tracks[..., FACE_TRACKS])
                 conditions["has_plan"] = draws.keep_mask(config.plan_dropout)
         with shard.autocast():
             predicted = network(interpolate(x_0, x_1, t), t, **conditions)
-        scaled = self.normaliser.scaled(self.normaliser.restore(predicted.float()))
-        wanted = self.normaliser.scaled(units)
+        scaled = self.normaliser.standardise(self.normaliser.restore(predicted.float()))
+        wanted = self.normaliser.standardise(units)
         terms = {
             "simple": losses.simple_loss(scaled, wanted),
             "difference": losses.first_difference_loss(scaled, wanted),

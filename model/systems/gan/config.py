@@ -40,7 +40,7 @@ class DiscriminatorConfig:
 
 
 @dataclass(frozen=True)
-class GanLoss:
+class GanLossWeights:
     """Weights of the losses of generator and discriminator."""
 
     adversarial: float = 1.0
@@ -64,24 +64,25 @@ class GanLoss:
 
 
 @dataclass(frozen=True)
-class GanConfig(TrainConfig):
+class GanTrainConfig(TrainConfig):
     """Settings of a training of generator and discriminator."""
 
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
     discriminator: DiscriminatorConfig = field(default_factory=DiscriminatorConfig)
-    loss: GanLoss = field(default_factory=GanLoss)
+    loss: GanLossWeights = field(default_factory=GanLossWeights)
     step_counts: tuple[int, ...] = TRAINING_STEP_COUNTS
     """Numbers of sampling steps for which windows are denoised, each as likely."""
     discriminator_learning_rate: float = 1e-3
     betas: tuple[float, float] = (0.5, 0.999)
+    """AdamW's decay rates of the moments."""
 
 
-def presets(system: str) -> dict[str, GanConfig]:
+def presets(system: str) -> dict[str, GanTrainConfig]:
     """Return the settings by name: ``demo`` in the size of the bundled weights, or ``smoke``.
 
     How the bundled weights were trained is in docs/experiments/training.md.
     """
-    config = GanConfig(
+    config = GanTrainConfig(
         system=system, steps=3000, batch_size=32, learning_rate=8e-4, clip_norm=10.0,
         ema_decay=0.998, save_every=250, validate_every=1000,
     )  # fmt: skip

@@ -38,51 +38,47 @@ def flow_time_and_scale(t: Float[Tensor, "*batch"]) -> tuple[Tensor, Tensor]:
 
 
 def diffuse(
-    x: Float[Tensor, "B T C"],
+    x_s: Float[Tensor, "B T C"],
     noise: Float[Tensor, "B T C"],
-    before: Float[Tensor, " B"],
-    now: Float[Tensor, " B"],
+    s: Float[Tensor, " B"],
+    t: Float[Tensor, " B"],
 ) -> Float[Tensor, "B T C"]:
-    """Diffuse x from the earlier time ``before`` to ``now``; data is at 0."""
-    share = _rows(_variance_share(before, now))
-    return share.sqrt() * x + (1 - share).sqrt() * noise
+    """Diffuse x_s from time ``s`` to a later ``t``; data is at 0."""
+    share = _rows(_variance_share(s, t))
+    return share.sqrt() * x_s + (1 - share).sqrt() * noise
 
 
 def posterior(
-    x_now: Float[Tensor, "B T C"],
+    x_t: Float[Tensor, "B T C"],
     x_0: Float[Tensor, "B T C"],
-    before: Float[Tensor, " B"],
-    now: Float[Tensor, " B"],
+    s: Float[Tensor, " B"],
+    t: Float[Tensor, " B"],
 ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "B 1 1"]]:
-    """Compute mean and deviation of x at the earlier ``before``, from x at ``now`` and x_0.
+    """Compute the mean and standard deviation of x_s given x_t and x_0, for s < t.
 
-    At ``before`` 0 they are x_0 and 0.
+    At ``s`` 0 they are x_0 and 0.
     """
-    share = _variance_share(before, now)
-    signal_before, noise_before = diffusion_factors(before)
-    _, noise_now = diffusion_factors(now)
-    share_0 = signal_before * (1 - share) / noise_now**2
-    share_now = share.sqrt() * noise_before**2 / noise_now**2
-    deviation = (1 - share).sqrt() * noise_before / noise_now
-    return _rows(share_0) * x_0 + _rows(share_now) * x_now, _rows(deviation)
+    share = _variance_share(s, t)
+    signal_s, noise_s = diffusion_factors(s)
+    _, noise_t = diffusion_factors(t)
+    share_0 = signal_s * (1 - share) / noise_t**2
+    share_t = share.sqrt() * noise_s**2 / noise_t**2
+    std = (1 - share).sqrt() * noise_s / noise_t
+    return _rows(share_0) * x_0 + _rows(share_t) * x_t, _rows(std)
 
 
 def diffusion_times(steps: int) -> list[float]:
-    """Return the times of a sampling, from 1 down to 0.
-
-    Raises:
-        ValueError: if ``steps`` is below 1.
-    """
+    """Return the times of a sampling, from 1 down to 0; raises ValueError if ``steps`` < 1."""
     if steps < 1:
         raise ValueError(f"steps is {steps}; at least 1 is needed.")
     return [(steps - k) / steps for k in range(steps)] + [0.0]
 
 
-def _variance_share(before: Float[Tensor, "*#batch"], now: Float[Tensor, "*#batch"]) -> Tensor:
-    """Compute the share of the variance at ``before`` that is left at ``now``."""
-    signal_before, _ = diffusion_factors(before)
-    signal_now, _ = diffusion_factors(now)
-    return (signal_now / signal_before).square()
+def _variance_share(s: Float[Tensor, "*#batch"], t: Float[Tensor, "*#batch"]) -> Tensor:
+    """Compute the share of the variance at ``s`` that is left at ``t``."""
+    signal_s, _ = diffusion_factors(s)
+    signal_t, _ = diffusion_factors(t)
+    return (signal_t / signal_s).square()
 
 
 def _rows(values: Float[Tensor, " B"]) -> Float[Tensor, "B 1 1"]:
@@ -90,14 +86,13 @@ def _rows(values: Float[Tensor, " B"]) -> Float[Tensor, "B 1 1"]:
 
 
 def ddim_step(
-    x: Float[Tensor, "B T C"], x_0: Float[Tensor, "B T C"], before: float, now: float
+    x_t: Float[Tensor, "B T C"], x_0: Float[Tensor, "B T C"], s: float, t: float
 ) -> Float[Tensor, "B T C"]:
-    """Compute x at the earlier ``before`` for constant x_0, by DDIM (Song et al. 2021)."""
-    (signal_before, signal), (noise_before, noise) = (
-        factors.tolist()
-        for factors in diffusion_factors(torch.tensor([before, now], dtype=torch.float64))
+    """Compute x_s from x_t for constant x_0 and s < t, by DDIM (Song et al. 2021)."""
+    (signal_s, signal_t), (noise_s, noise_t) = (
+        factors.tolist() for factors in diffusion_factors(torch.tensor([s, t], dtype=torch.float64))
     )
-    return signal_before * x_0 + noise_before / noise * (x - signal * x_0)
+    return signal_s * x_0 + noise_s / noise_t * (x_t - signal_t * x_0)
 
 
 FINGERS = AXIS_ANGLE_GROUPS[0]
@@ -154,8 +149,8 @@ class Generator(ConditionedNetwork):
     def forward(
         self,
         x_t: Float[Tensor, "B T C"],
-        now: Float[Tensor, " B"],
-        before: Float[Tensor, " B"],
+        t: Float[Tensor, " B"],
+        s: Float[Tensor, " B"],
         *,
         speech: Float[Tensor, "B T_ctx speech_dim"],
         expression: Float[Tensor, "B T expression_dim"],
@@ -166,21 +161,21 @@ class Generator(ConditionedNetwork):
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
         """Predict mean of the clean x_0, and deviation along the prior's eigenvectors.
 
-        `sample_x_0` samples x_0. A step leads from the diffusion time ``now``, 1 (noise) to 0
-        (data), to the earlier ``before``.
+        `sample_x_0` samples x_0. A step leads from the diffusion time ``t``, 1 (noise) to 0
+        (data), to ``s`` below it.
         """
         tokens = self.speech_tokens(speech, has_speech)
         face = mask_expression(expression, has_speech)
         return self.denoised(
-            x_t, now, before, tokens=tokens, face=face, seed=seed, speaker=speaker,
+            x_t, t, s, tokens=tokens, face=face, seed=seed, speaker=speaker,
             has_seed=has_seed,
         )  # fmt: skip
 
     def denoised(
         self,
         x_t: Float[Tensor, "B T C"],
-        now: Float[Tensor, " B"],
-        before: Float[Tensor, " B"],
+        t: Float[Tensor, " B"],
+        s: Float[Tensor, " B"],
         *,
         tokens: Float[Tensor, "B T width"],
         face: Float[Tensor, "B T expression_dim"],
@@ -189,10 +184,10 @@ class Generator(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
         """Predict as `forward` does, from speech tokens that all steps share."""
-        tau, scale = flow_time_and_scale(now)
+        tau, scale = flow_time_and_scale(t)
         with torch.autocast(x_t.device.type, enabled=False):  # bf16 adds jitter
             prior_mean = self.posterior_mean(x_t / scale[:, None, None], tau, seed, has_seed)
-        condition = self.condition(now, speaker) + self.reach(before)
+        condition = self.condition(t, speaker) + self.reach(s)
         body = torch.cat([prior_mean, face], dim=-1)
         in_channels = x_t @ self.unmix
         fingers, rest = (
@@ -201,7 +196,7 @@ class Generator(ConditionedNetwork):
         )
         unit = torch.lerp(rest, fingers, self.balance.sigmoid())
         with torch.autocast(x_t.device.type, enabled=False):
-            own = self.prior_deviation(tau, has_seed)
+            own = self.posterior_std(tau, has_seed)
             mean = prior_mean + self.prior.from_eigenbasis(
                 own * self.prior.to_eigenbasis(unit, has_seed), has_seed
             )
@@ -212,12 +207,12 @@ class Generator(ConditionedNetwork):
     def sample_x_0(
         self,
         mean: Float[Tensor, "B T C"],
-        deviation: Float[Tensor, "C T B"],
+        std: Float[Tensor, "C T B"],
         latent: Float[Tensor, "B T C"],
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
         """Sample x_0 from mean and deviation of `forward` and standard normal numbers."""
-        return mean + self.prior.from_eigenbasis(deviation * latent.permute(2, 1, 0), has_seed)
+        return mean + self.prior.from_eigenbasis(std * latent.permute(2, 1, 0), has_seed)
 
     def posterior_mean(
         self,
@@ -237,10 +232,10 @@ class Generator(ConditionedNetwork):
         free, held = self.prior.variance[..., None]
         return torch.where(has_seed, held, free)
 
-    def prior_deviation(
+    def posterior_std(
         self, tau: Float[Tensor, " B"], has_seed: Bool[Tensor, " B"]
     ) -> Float[Tensor, "C T B"]:
-        """Compute the deviation of x_0 along the prior's eigenvectors at flow time ``tau``."""
+        """Compute the posterior's deviation of x_0 along its eigenvectors at flow time ``tau``."""
         variance = self._variance(has_seed)
         return (1 - tau) * (variance / (tau**2 * variance + (1 - tau) ** 2)).sqrt()
 
@@ -256,7 +251,7 @@ class Discriminator(nn.Module):
         self.now, self.before = TimeEmbedding(CONDITION_WIDTH), TimeEmbedding(CONDITION_WIDTH)
         self.speaker = nn.Embedding(motion.num_speakers, CONDITION_WIDTH)
         self.motion = motion
-        # x_before, x_now, the seed if there is one, speech
+        # x_s, x_t, the seed if there is one, speech
         self.frame = _layer(3 * motion.channels + motion.speech_dim, config.frame_width, config)
         flat = motion.window_frames * config.frame_width + 3 * CONDITION_WIDTH
         widths = [flat] + [config.width] * (NUM_LAYERS - 2)
@@ -265,10 +260,10 @@ class Discriminator(nn.Module):
 
     def forward(
         self,
-        x_before: Float[Tensor, "B T C"],
-        x_now: Float[Tensor, "B T C"],
-        before: Float[Tensor, " B"],
-        now: Float[Tensor, " B"],
+        x_s: Float[Tensor, "B T C"],
+        x_t: Float[Tensor, "B T C"],
+        s: Float[Tensor, " B"],
+        t: Float[Tensor, " B"],
         *,
         speech: Float[Tensor, "B T_ctx speech_dim"],
         seed: Float[Tensor, "B S C"],
@@ -279,12 +274,10 @@ class Discriminator(nn.Module):
         """Compute scores, positive for steps that are classified as real."""
         context = self.motion.speech_context
         spoken = speech[:, context : speech.shape[1] - context] * has_speech[:, None, None]
-        padded_seed = F.pad(
-            seed * has_seed[:, None, None], (0, 0, 0, x_now.shape[1] - seed.shape[1])
-        )
-        frames = self.frame(torch.cat([x_before, x_now, padded_seed, spoken], dim=-1).flatten(0, 1))
-        inputs = [self.now(now), self.before(before), self.speaker(speaker)]
-        flat = frames.view(len(x_now), -1)
+        padded_seed = F.pad(seed * has_seed[:, None, None], (0, 0, 0, x_t.shape[1] - seed.shape[1]))
+        frames = self.frame(torch.cat([x_s, x_t, padded_seed, spoken], dim=-1).flatten(0, 1))
+        inputs = [self.now(t), self.before(s), self.speaker(speaker)]
+        flat = frames.view(len(x_t), -1)
         return self.score(self.window(torch.cat([flat, *inputs], dim=-1)))[:, 0]
 
 

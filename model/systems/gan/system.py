@@ -38,30 +38,34 @@ class GanSystem(FaceFirstSystem):
         seed_poses = (
             torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
         )
-        guide = spec.guide(self.normaliser, "axis-angle")
-        copies, has_speech = guide.network_batch_size(size), guide.is_conditional(size)
+        guide = spec.make_guidance(self.normaliser, "axis-angle")
+        copies, has_speech = guide.network_batch_size(size), guide.conditional_mask(size)
         has_seed = torch.full((size,), seed is not None)
-        tokens = self.network.speech_tokens(guide.duplicate(speech[None]), guide.is_conditional(1))
+        tokens = self.network.speech_tokens(
+            guide.duplicate(speech[None]), guide.conditional_mask(1)
+        )
         conditions = {
             "tokens": tokens.repeat_interleave(size, dim=0),
             "face": mask_expression(expression.expand(copies, -1, -1), has_speech),
             "seed": guide.duplicate(seed_poses),
-            "speaker": torch.full((copies,), spec.speaker),
+            "speaker": torch.full((copies,), spec.speaker_index),
             "has_seed": guide.duplicate(has_seed),
         }
 
         x = spec.noise((config.window_frames, config.channels))
-        for k, (now, before) in enumerate(pairwise(diffusion_times(spec.steps)), start=1):
-            at, to = torch.full((size,), now), torch.full((size,), before)
-            answers, open_ = self.network.denoised(*map(guide.duplicate, (x, at, to)), **conditions)
+        for k, (t, s) in enumerate(pairwise(diffusion_times(spec.steps)), start=1):
+            t_batch, s_batch = torch.full((size,), t), torch.full((size,), s)
+            answers, open_ = self.network.denoised(
+                *map(guide.duplicate, (x, t_batch, s_batch)), **conditions
+            )
             mean_x_0 = guide.combine(answers)
             if spec.sampler == "ddim":
-                x = ddim_step(x, mean_x_0, before, now)
+                x = ddim_step(x, mean_x_0, s, t)
                 continue
             again, latent = spec.noise((2, *x.shape[1:]), k).unbind(1)
             x_0 = self.network.sample_x_0(mean_x_0, open_[..., :size], latent, has_seed)
-            mean, deviation = posterior(x, x_0, to, at)
-            x = mean + deviation * again
+            mean, std = posterior(x, x_0, s_batch, t_batch)
+            x = mean + std * again
         vectors = self.normaliser.restore(x)
         return SeedingWindow(
             rotmat=rotations(vectors, "axis-angle"),
@@ -78,7 +82,7 @@ def load(name: str, folder: Path) -> GanSystem:
     network = Generator(config, trained.prior(config.seed_frames), trained.normaliser)
     return GanSystem(
         **face_first_fields(FAMILY, name, trained, config, folder),
-        frame="parent",
-        root_motion="place",
+        rotation_frame="local",
+        root_format="place",
         network=trained.load_into(network),
     )

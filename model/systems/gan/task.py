@@ -13,7 +13,7 @@ from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import DecodedMotion, decode
 from model.sampling.flow import flow_loss_weight
-from model.systems.gan.config import GanConfig
+from model.systems.gan.config import GanTrainConfig
 from model.systems.gan.network import (
     Discriminator,
     Generator,
@@ -24,7 +24,7 @@ from model.systems.gan.network import (
 from model.training import losses
 from model.training.losses import geometric_terms
 from model.training.parallel import ShardedRandom, compiled
-from model.training.targets import fit_motion_prior, network_conditions, prepare_targets
+from model.training.targets import fit_or_reuse_motion_prior, network_conditions, prepare_targets
 from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 MAX_DEVIATIONS = 5.0
@@ -41,11 +41,11 @@ def generator_loss(fake: Float[Tensor, " B"]) -> Float[Tensor, " B"]:
 
 
 def gaussian_loss(
-    error: Float[Tensor, "*shape"], deviation: Float[Tensor, "*shape"]
+    error: Float[Tensor, "*shape"], std: Float[Tensor, "*shape"]
 ) -> Float[Tensor, ""]:
     """Compute the negative log-likelihood of errors, clipped at `MAX_DEVIATIONS`."""
-    ratio = (error / deviation).clamp(-MAX_DEVIATIONS, MAX_DEVIATIONS)
-    return (deviation.log() + ratio.square() / 2).mean()
+    ratio = (error / std).clamp(-MAX_DEVIATIONS, MAX_DEVIATIONS)
+    return (std.log() + ratio.square() / 2).mean()
 
 
 def gradient_penalty(
@@ -64,10 +64,10 @@ class DenoisingBatch:
     """Motion vectors, not normalised."""
     target: DecodedMotion
     x_0: Float[Tensor, "B T C"]
-    x_before: Float[Tensor, "B T C"]
-    x_now: Float[Tensor, "B T C"]
-    before: Float[Tensor, " B"]
-    now: Float[Tensor, " B"]
+    x_s: Float[Tensor, "B T C"]
+    x_t: Float[Tensor, "B T C"]
+    s: Float[Tensor, " B"]
+    t: Float[Tensor, " B"]
     posterior_noise: Float[Tensor, "B T C"]
     """Noise of the posterior."""
     latent: Float[Tensor, "B T C"]
@@ -83,21 +83,21 @@ class GanTask(SingleNetworkTask):
     """
 
     state_attributes = (*SingleNetworkTask.state_attributes, "discriminator", "judging")
-    is_compiled = True
-    config: GanConfig
+    is_worth_compiling = True
+    config: GanTrainConfig
     network: Generator
 
-    def __init__(self, config: GanConfig, data: PreparedData, setup: TaskSetup) -> None:
+    def __init__(self, config: GanTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.generator
-        weights = setup.begin(config, data, shape.num_speakers)
+        weights = setup.seed_and_read_initial_weights(config, data, shape.num_speakers)
         self.targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
-        normaliser, prior = fit_motion_prior(data, self.targets, shape, weights)
+        normaliser, prior = fit_or_reuse_motion_prior(data, self.targets, shape, weights)
         generator = Generator(shape, prior, normaliser)
         self.discriminator = Discriminator(config.discriminator, shape).to(setup.shard.device)
         super().__init__(
             setup, config, weights, generator, normaliser, shape.window_frames, shape.speech_context
         )
-        self.judging = self.adam(self.discriminator, config.discriminator_learning_rate)
+        self.judging = self.make_optimizer(self.discriminator, config.discriminator_learning_rate)
         self.training_terms = (
             compiled(self.explicit_terms) if self.compiles else self.explicit_terms
         )
@@ -106,16 +106,16 @@ class GanTask(SingleNetworkTask):
         """Update both networks at once (`Task.step`), each against the unchanged other."""
         config = self.config
         self.network.train()
-        draws = ShardedRandom(len(batch.clips), generator, self.shard)
+        draws = ShardedRandom(len(batch.clip_names), generator, self.shard)
         drawn = self.draw(self.network, batch, draws)
-        mean, deviation = self.denoised(self.network, drawn)
-        sample = self.network.sample_x_0(mean, deviation, drawn.latent, drawn.condition["has_seed"])
-        real = drawn.x_before.requires_grad_()
+        mean, std = self.denoised(self.network, drawn)
+        sample = self.network.sample_x_0(mean, std, drawn.latent, drawn.condition["has_seed"])
+        real = drawn.x_s.requires_grad_()
         score_real = self.scores(real, drawn)
         score_fake = self.scores(self.step_back(sample.detach(), drawn), drawn)
         penalty = config.loss.gradient_penalty * gradient_penalty(score_real, real).mean()
         judging = discriminator_loss(score_real, score_fake).mean()
-        terms = self.training_terms(mean, deviation, drawn)
+        terms = self.training_terms(mean, std, drawn)
         explicit = {name: config.loss.geometric * term for name, term in terms.items()}
         deceiving = generator_loss(self.scores(self.step_back(sample, drawn), drawn)).mean()
         explicit["adversarial"] = config.loss.adversarial * deceiving
@@ -138,8 +138,8 @@ class GanTask(SingleNetworkTask):
             "discriminator_gradient_norm": norms[1],
         }
         logged = self.shard.mean({name: value.detach() for name, value in numbers.items()})
-        losses.finite_or_raise(logged, number, batch.clips)
-        self.optimizer_step(
+        losses.finite_or_raise(logged, number, batch.clip_names)
+        self.update_weights_and_average(
             number,
             {
                 self.optimizer: config.learning_rate,
@@ -160,22 +160,23 @@ class GanTask(SingleNetworkTask):
             self.config, self.config.generator, draws.shard, draws.generator
         )  # fmt: skip
         window = self.window_frames, shape.channels
-        vectors, target = self.targets.of(batch.rows(shard.rows), rotations=False)
+        vectors, target = self.targets.for_batch(batch.part(shard.rows), with_rotations=False)
         vectors, target = vectors.to(shard.device), target.to(shard.device)
         x_0 = self.normaliser.normalise(vectors)
         counts = torch.tensor(config.step_counts)
-        counts = counts[torch.randint(len(counts), (draws.size,), generator=chance)]
-        number = 1 + (torch.rand(draws.size, generator=chance) * counts).long()
-        now, before = shard.of(number / counts), shard.of((number - 1) / counts)
-        x_before = diffuse(x_0, draws.noise(window), torch.zeros_like(before), before)
-        x_now = diffuse(x_before, draws.noise(window), before, now)
+        counts = counts[torch.randint(len(counts), (draws.batch_size,), generator=chance)]
+        number = 1 + (torch.rand(draws.batch_size, generator=chance) * counts).long()
+        t, s = shard.local_rows(number / counts), shard.local_rows((number - 1) / counts)
+        x_s = diffuse(x_0, draws.noise(window), torch.zeros_like(s), s)
+        x_t = diffuse(x_s, draws.noise(window), s, t)
         conditions = network_conditions(
-            config, network, batch, draws, hidden=("seed", "speech", "speaker")
+            config, network, batch, draws, droppable=("seed", "speech", "speaker")
         )
         conditions["seed"] = x_0[:, : shape.seed_frames]
         return DenoisingBatch(
-            vectors, target, x_0, x_before, x_now, before, now, posterior_noise=draws.noise(window),
-            latent=draws.noise(window), expression=shard.of(batch.expression), condition=conditions,
+            vectors, target, x_0, x_s, x_t, s, t, posterior_noise=draws.noise(window),
+            latent=draws.noise(window), expression=shard.local_rows(batch.arkit_weights),
+            condition=conditions,
         )  # fmt: skip
 
     def denoised(
@@ -184,49 +185,45 @@ class GanTask(SingleNetworkTask):
         """Predict mean and deviation of x_0 with the generator."""
         with self.shard.autocast():
             return network(
-                drawn.x_now, drawn.now, drawn.before, expression=drawn.expression, **drawn.condition
+                drawn.x_t, drawn.t, drawn.s, expression=drawn.expression, **drawn.condition
             )
 
     def step_back(
         self, x_0: Float[Tensor, "B T C"], drawn: DenoisingBatch
     ) -> Float[Tensor, "B T C"]:
-        """Sample x_before for a prediction of x_0."""
-        mean, deviation = posterior(drawn.x_now, x_0, drawn.before, drawn.now)
-        return mean + deviation * drawn.posterior_noise
+        """Sample x_s for a prediction of x_0."""
+        mean, std = posterior(drawn.x_t, x_0, drawn.s, drawn.t)
+        return mean + std * drawn.posterior_noise
 
-    def scores(
-        self, x_before: Float[Tensor, "B T C"], drawn: DenoisingBatch
-    ) -> Float[Tensor, " B"]:
+    def scores(self, x_s: Float[Tensor, "B T C"], drawn: DenoisingBatch) -> Float[Tensor, " B"]:
         """Compute the discriminator's scores in fp32: their gradient is differentiated again."""
-        return self.discriminator(x_before, drawn.x_now, drawn.before, drawn.now, **drawn.condition)
+        return self.discriminator(x_s, drawn.x_t, drawn.s, drawn.t, **drawn.condition)
 
     def explicit_terms(
-        self, mean: Float[Tensor, "B T C"], deviation: Float[Tensor, "C T B"], drawn: DenoisingBatch
+        self, mean: Float[Tensor, "B T C"], std: Float[Tensor, "C T B"], drawn: DenoisingBatch
     ) -> dict[str, Float[Tensor, ""]]:
         """Compute the terms of the explicit loss on x_0, before its weight."""
         weights, vectors = self.config.loss.terms, drawn.motion_vectors
         restored = self.normaliser.restore(mean)
-        scaled, wanted = self.normaliser.scaled(restored), self.normaliser.scaled(vectors)
+        scaled, wanted = self.normaliser.standardise(restored), self.normaliser.standardise(vectors)
         huber = F.huber_loss(scaled, wanted, reduction="none").mean((1, 2))
         terms = {"simple": weights.simple * huber}
-        decoded = decode(restored, self.targets.space, self.targets.skeleton, self.targets.root)
+        decoded = decode(
+            restored, self.targets.space, self.targets.skeleton, self.targets.root_format
+        )
         terms |= geometric_terms(weights, decoded, drawn.target)
         by_sample = flow_loss_weight(
-            flow_time_and_scale(drawn.now)[0], self.config.loss.time_weight_floor
+            flow_time_and_scale(drawn.t)[0], self.config.loss.time_weight_floor
         )
         means = {name: (by_sample * term).mean() for name, term in terms.items()}
         has_seed = drawn.condition["has_seed"]
-        own = self.network.prior_deviation(flow_time_and_scale(drawn.now)[0], has_seed)
+        own = self.network.posterior_std(flow_time_and_scale(drawn.t)[0], has_seed)
         error = self.network.prior.to_eigenbasis(drawn.x_0 - mean, has_seed) / own
-        means["spread"] = self.config.loss.spread * gaussian_loss(error, deviation / own)
+        means["spread"] = self.config.loss.spread * gaussian_loss(error, std / own)
         return means
 
     def _put_gradient(self, network: nn.Module, loss: Float[Tensor, ""]) -> Float[Tensor, ""]:
-        """Set this network's gradient of the loss, averaged over processes and clipped.
-
-        Returns:
-            Its norm before clipping.
-        """
+        """Set the network's averaged, clipped gradient; return its norm before clipping."""
         parameters = [each for each in network.parameters() if each.requires_grad]
         gradients = torch.autograd.grad(loss, parameters)
         for parameter, gradient in zip(parameters, self._averaged(gradients), strict=True):

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from model.generation.family import Ablation, AblationStep, Claim, ExtraSystem, Family
-from model.motion.spaces import Representation, RootMotion, RotationSpace
+from model.generation.family import Ablation, AblationStep, Claim, Family, NonAblationSystem
+from model.motion.spaces import RootFormat, RotationSpace, VectorScaling
 from model.networks.config import BranchConfig
 from model.sampling.samplers import FLOW_SAMPLERS, make_samplers
 from model.training.config import PAPER, SMOKE, GeometricWeights, TrainConfig
@@ -17,7 +17,7 @@ class NetworkConfig(BranchConfig):
     rotation_space: RotationSpace = "global"
     """Format of rotations: global as in GlobalDiff; axis-angle is nearest to Gaussian, for a
     network that extends the linear-Gaussian denoiser (`model.sampling.prior`)."""
-    root: RootMotion = "velocity"
+    root: RootFormat = "velocity"
     """Format of root motion; with absolute positions ("place") the body returns to its home."""
 
     @property
@@ -32,7 +32,7 @@ class NetworkConfig(BranchConfig):
 
 
 @dataclass(frozen=True)
-class GlobalDiffLoss(GeometricWeights):
+class GlobalDiffLossWeights(GeometricWeights):
     """Weights of the training terms; a term of weight 0 is not computed."""
 
     seed: float = 1.0
@@ -49,13 +49,14 @@ class GlobalDiffLoss(GeometricWeights):
 
 
 @dataclass(frozen=True)
-class GlobalDiffConfig(TrainConfig):
+class GlobalDiffTrainConfig(TrainConfig):
     """Settings of a training of an ablation step, or of this project's system."""
 
     system: str = "globaldiff/global"
     network: NetworkConfig = field(default_factory=NetworkConfig)
-    representation: Representation = "normalised"
-    loss: GlobalDiffLoss = field(default_factory=GlobalDiffLoss)
+    representation: VectorScaling = "normalised"
+    """Scaling of motion vectors by body-part group, or none."""
+    loss: GlobalDiffLossWeights = field(default_factory=GlobalDiffLossWeights)
     flow_time_power: float = 2.0
     """Exponent of flow times, ``u ** power``, u uniform: above 1 more are early, where speech
     decides."""
@@ -67,7 +68,7 @@ class AblationRow:
 
     rotation_space: RotationSpace
     constraints: tuple[str, ...] = ()
-    """Fields of `GlobalDiffLoss` that get their weight from `CONSTRAINT_WEIGHTS`."""
+    """Fields of `GlobalDiffLossWeights` that get their weight from `CONSTRAINT_WEIGHTS`."""
 
 
 ABLATION: dict[str, AblationRow] = {
@@ -92,7 +93,7 @@ on a trained `globaldiff/global`. The official weights suit raw errors, and the 
 eq. 10 is in metres squared at 5 cm, hence its large factor."""
 
 
-def presets(system: str) -> dict[str, GlobalDiffConfig]:
+def presets(system: str) -> dict[str, GlobalDiffTrainConfig]:
     """Return one system's settings: ``demo``, ``paper`` or ``smoke``.
 
     ``demo`` has the size of the bundled weights and trains in one stage; how the bundled files were
@@ -110,20 +111,22 @@ def presets(system: str) -> dict[str, GlobalDiffConfig]:
     }
 
 
-def _ablation_step(system: str) -> GlobalDiffConfig:
+def _ablation_step(system: str) -> GlobalDiffTrainConfig:
     """Return the settings of an ablation step, with the paper's losses and raw 6D as in its code.
 
     Flow times are uniform and equal in weight. 600,000 windows are half an hour on a processor.
     """
     row = ABLATION[system]
     weights: dict[str, Any] = {name: CONSTRAINT_WEIGHTS[name] for name in row.constraints}
-    return GlobalDiffConfig(
+    return GlobalDiffTrainConfig(
         system=system,
         representation="raw",
         network=NetworkConfig(
             rotation_space=row.rotation_space, width=96, num_blocks=2, num_heads=3
         ),
-        loss=GlobalDiffLoss(velocity=0.0, acceleration=0.0, time_weight_floor=None, **weights),
+        loss=GlobalDiffLossWeights(
+            velocity=0.0, acceleration=0.0, time_weight_floor=None, **weights
+        ),
         flow_time_power=1.0,
         batch_size=64,
         steps=9400,
@@ -133,14 +136,14 @@ def _ablation_step(system: str) -> GlobalDiffConfig:
     )
 
 
-def _best() -> GlobalDiffConfig:
+def _best() -> GlobalDiffTrainConfig:
     """Return the settings of this project's system; see docs/experiments/priorflow.md."""
-    return GlobalDiffConfig(
+    return GlobalDiffTrainConfig(
         system=PRIORFLOW,
         network=NetworkConfig(
             rotation_space="axis-angle", num_blocks=4, speech_context=40, root="place"
         ),
-        loss=GlobalDiffLoss(
+        loss=GlobalDiffLossWeights(
             velocity=30.0, acceleration=30.0, contact=0.5, rooted=True, seed=0.0,
             time_weight_floor=0.1,
         ),
@@ -225,7 +228,7 @@ _STEPS = (
 )  # fmt: skip
 
 ABLATION_EXPLAINED = Ablation(
-    _TITLE, _INTRODUCTION, _STEPS, (ExtraSystem(PRIORFLOW, _OWN_TITLE, _OWN_MEANING),)
+    _TITLE, _INTRODUCTION, _STEPS, (NonAblationSystem(PRIORFLOW, _OWN_TITLE, _OWN_MEANING),)
 )
 
 
@@ -257,7 +260,7 @@ FAMILY = Family(
         more_jerk_property="local rotations",
         more_jerk_system=_LOCAL,
         less_jerk_systems=tuple(name for name in ABLATION if name != _LOCAL),
-        base_system=_GLOBAL,
+        first_less_jerk_system=_GLOBAL,
         additions_name="constraints",
     ),
 )

@@ -18,7 +18,12 @@ from model.motion.packing import (
 )
 from model.motion.rotations import rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
-from model.networks.branch import ConditionedNetwork, MotionBranch, PriorNetwork, mask_expression
+from model.networks.branch import (
+    ConditionedNetwork,
+    MotionBranch,
+    PriorResidualNetwork,
+    mask_expression,
+)
 from model.networks.trained import TrainedWeights
 from model.sampling.flow import ClassifierFreeGuidance, sample
 from model.sampling.prior import GaussianPrior
@@ -31,7 +36,7 @@ class MotionNetwork(ConditionedNetwork):
     """Network that predicts x_1 (normalised motion) from x_t, time and conditions."""
 
     prior = None
-    """Absent prior; `PriorNetwork` has one."""
+    """Absent prior; `PriorResidualNetwork` has one."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__(config)
@@ -88,11 +93,11 @@ class MotionNetwork(ConditionedNetwork):
 
 def make_network(
     config: NetworkConfig, prior: GaussianPrior | None
-) -> MotionNetwork | PriorNetwork:
+) -> MotionNetwork | PriorResidualNetwork:
     """Make an untrained network, with a prior if there is one."""
     if prior is None:
         return MotionNetwork(config)
-    return PriorNetwork(
+    return PriorResidualNetwork(
         config, prior, channels=config.motion_dim, expression_dim=config.expression_dim
     )
 
@@ -107,7 +112,7 @@ class GlobalDiffSystem(FaceFirstSystem):
     """System with a motion network, its statistics, and the expression network."""
 
     config: NetworkConfig
-    network: MotionNetwork | PriorNetwork
+    network: MotionNetwork | PriorResidualNetwork
     drift_correction_s: float = 40.0
     """Time (s) in which a body with absolute position would return home at the initial speed."""
 
@@ -129,10 +134,10 @@ class GlobalDiffSystem(FaceFirstSystem):
         x_0 = self.noise(spec)
         seed_poses = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
         last_prediction = x_0
-        guide = self.guide(spec)
-        copies, has_speech = guide.network_batch_size(size), guide.is_conditional(size)
+        guide = self.make_guidance(spec)
+        copies, has_speech = guide.network_batch_size(size), guide.conditional_mask(size)
         conditions = {
-            **self.conditioning_inputs(speech, has_speech),
+            **self.split_conditioning(speech, has_speech),
             "expression": expression.expand(copies, -1, -1),
             "seed": guide.duplicate(seed_poses),
             "speaker": self.speaker_inputs(spec, has_speech),
@@ -171,21 +176,21 @@ class GlobalDiffSystem(FaceFirstSystem):
         """Draw the noise at the start of the flow."""
         return spec.noise((self.config.window_frames, self.config.motion_dim))
 
-    def guide(self, spec: WindowSpec) -> ClassifierFreeGuidance:
+    def make_guidance(self, spec: WindowSpec) -> ClassifierFreeGuidance:
         """Return the classifier-free guidance of the network."""
-        return spec.guide(self.normaliser, self.config.rotation_space)
+        return spec.make_guidance(self.normaliser, self.config.rotation_space)
 
-    def conditioning_inputs(
-        self, speech: Float[Tensor, "T_ctx dim"], has_speech: Bool[Tensor, " copies"]
+    def split_conditioning(
+        self, conditioning: Float[Tensor, "T_ctx dim"], has_speech: Bool[Tensor, " copies"]
     ) -> dict[str, Tensor]:
-        """Return the network's speech inputs by name, one row for each copy."""
-        return {"speech": speech.expand(len(has_speech), -1, -1), "has_speech": has_speech}
+        """Split `conditioning` into the network's inputs by name, one row for each copy."""
+        return {"speech": conditioning.expand(len(has_speech), -1, -1), "has_speech": has_speech}
 
     def speaker_inputs(
         self, spec: WindowSpec, has_speech: Bool[Tensor, " copies"]
     ) -> Int[Tensor, " copies"]:
         """Return the speaker for each copy; 0 means no speaker."""
-        return torch.full(has_speech.shape, spec.speaker)
+        return torch.full(has_speech.shape, spec.speaker_index)
 
 
 def pull_towards_origin(
@@ -214,7 +219,7 @@ def load(name: str, folder: Path) -> GlobalDiffSystem:
     prior = trained.prior(config.seed_frames) if config.has_prior else None
     return GlobalDiffSystem(
         **face_first_fields(FAMILY, name, trained, config, folder),
-        frame="world" if config.rotation_space == "global" else "parent",
-        root_motion=config.root,
+        rotation_frame="global" if config.rotation_space == "global" else "local",
+        root_format=config.root,
         network=trained.load_into(make_network(config, prior)),
     )

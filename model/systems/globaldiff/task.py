@@ -16,18 +16,18 @@ from conventions.joints import PARENTS
 from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import DecodedMotion, Normaliser, decode
-from model.networks.autoencoder import FrozenEncoder, load_encoder
+from model.networks.autoencoder import FrozenMotionEncoder, load_motion_encoder
 from model.sampling.flow import flow_loss_weight, interpolate
 from model.sampling.prior import GaussianPrior
-from model.systems.globaldiff.config import GlobalDiffConfig, GlobalDiffLoss
+from model.systems.globaldiff.config import GlobalDiffLossWeights, GlobalDiffTrainConfig
 from model.systems.globaldiff.system import MotionNetwork, make_network
 from model.training import losses
 from model.training.losses import geometric_terms, positions_to_compare, weighted_terms
 from model.training.parallel import ShardedRandom, compiled
 from model.training.targets import (
     Targets,
-    fit_motion_prior,
-    fit_normaliser,
+    fit_motion_normaliser,
+    fit_or_reuse_motion_prior,
     network_conditions,
     prepare_targets,
 )
@@ -42,23 +42,23 @@ SHORTEST_BONE_M = 1e-4
 class MotionTask(SingleNetworkTask):
     """Flow matching of motion with constraints, conditioned on the recorded face."""
 
-    is_compiled = True
-    config: GlobalDiffConfig
+    is_worth_compiling = True
+    config: GlobalDiffTrainConfig
 
-    def __init__(self, config: GlobalDiffConfig, data: PreparedData, setup: TaskSetup) -> None:
+    def __init__(self, config: GlobalDiffTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.network
-        weights = setup.begin(config, data, shape.num_speakers)
+        weights = setup.seed_and_read_initial_weights(config, data, shape.num_speakers)
         self.encoder = None
         if config.loss.motion > 0:
-            self.encoder = load_encoder(setup.helper_weights, ENCODER, setup.shard.device)
+            self.encoder = load_motion_encoder(setup.helper_weights, ENCODER, setup.shard.device)
         self.targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
         prior = None
         if shape.has_prior:
-            normaliser, prior = fit_motion_prior(data, self.targets, shape, weights)
+            normaliser, prior = fit_or_reuse_motion_prior(data, self.targets, shape, weights)
         elif weights:
             normaliser = weights.normaliser
         else:
-            normaliser = fit_normaliser(
+            normaliser = fit_motion_normaliser(
                 data, self.targets, shape.window_frames, config.representation
             )
         network = self.make_network(config, prior)
@@ -69,7 +69,7 @@ class MotionTask(SingleNetworkTask):
         )
         self.training_terms = compiled(self.terms) if self.compiles else self.terms
 
-    def make_network(self, config: GlobalDiffConfig, prior: GaussianPrior | None) -> nn.Module:
+    def make_network(self, config: GlobalDiffTrainConfig, prior: GaussianPrior | None) -> nn.Module:
         """Make the network, with a prior if there is one."""
         return make_network(config.network, prior)
 
@@ -81,13 +81,15 @@ class MotionTask(SingleNetworkTask):
         config, weights, shard = self.config, self.config.loss, draws.shard
         with torch.no_grad():
             needs_rotations = weights.joint > 0 or weights.motion > 0
-            vectors, target = self.targets.of(batch.rows(shard.rows), rotations=needs_rotations)
+            vectors, target = self.targets.for_batch(
+                batch.part(shard.rows), with_rotations=needs_rotations
+            )
             vectors, target = vectors.to(shard.device), target.to(shard.device)
             x_1 = self.normaliser.normalise(vectors)
             x_0 = draws.noise(x_1.shape[1:])
             t = draws.flow_times(config.flow_time_power)
             conditions = network_conditions(config, network, batch, draws)
-            conditions["expression"] = shard.of(batch.expression)
+            conditions["expression"] = shard.local_rows(batch.arkit_weights)
             conditions["seed"] = x_1[:, : config.network.seed_frames]
             conditions |= self.extra_inputs(batch, draws)
         with shard.autocast():
@@ -106,13 +108,15 @@ class MotionTask(SingleNetworkTask):
         """Compute the weighted terms as means over the batch."""
         weights, seed_frames = self.config.loss, self.config.network.seed_frames
         restored = self.normaliser.restore(predicted)
-        scaled, wanted = self.normaliser.scaled(restored), self.normaliser.scaled(vectors)
+        scaled, wanted = self.normaliser.standardise(restored), self.normaliser.standardise(vectors)
         seed_error = losses.simple_loss(scaled[:, :seed_frames], wanted[:, :seed_frames])
         terms = {
             "simple": weights.simple * losses.simple_loss(scaled, wanted),
             "seed": weights.seed * seed_frames / vectors.shape[1] * seed_error * has_seed,
         }
-        decoded = decode(restored, self.targets.space, self.targets.skeleton, self.targets.root)
+        decoded = decode(
+            restored, self.targets.space, self.targets.skeleton, self.targets.root_format
+        )
         terms |= geometric_terms(weights, decoded, target)
         terms |= constraint_terms(weights, decoded, target, self.encoder)
         by_sample = flow_loss_weight(t, weights.time_weight_floor)
@@ -129,10 +133,10 @@ def mean_vector(normaliser: Normaliser, targets: Targets) -> Float[Tensor, "333"
 
 
 def constraint_terms(
-    weights: GlobalDiffLoss,
+    weights: GlobalDiffLossWeights,
     predicted: DecodedMotion,
     target: DecodedMotion,
-    encoder: FrozenEncoder | None,
+    encoder: FrozenMotionEncoder | None,
 ) -> dict[str, Float[Tensor, " B"]]:
     """Compute the paper's three constraints, weighted, one value per sample, if not of weight 0.
 
@@ -180,7 +184,7 @@ def joint_structure_loss(
     return turned.square().sum(-2).mean((1, 2, 3))
 
 
-def bone_directions(
+def bone_directions_and_lengths(
     positions: Float[Tensor, "*batch J 3"],
 ) -> tuple[Float[Tensor, "*batch bones 3"], Float[Tensor, "*batch bones"]]:
     """Compute unit vectors of bones (GlobalDiff eq. 11; zero if degenerate), and lengths (m)."""
@@ -192,8 +196,7 @@ def bone_directions(
 
 
 def skeleton_structure_loss(
-    positions: Float[Tensor, "B T J 3"],
-    target: Float[Tensor, "B T J 3"],
+    positions: Float[Tensor, "B T J 3"], target: Float[Tensor, "B T J 3"]
 ) -> Float[Tensor, " B"]:
     """Compute L_s, GlobalDiff eq. 13: mean squared difference of cosines between every two bones.
 
@@ -206,8 +209,8 @@ def skeleton_structure_loss(
     holds for any number of bones, needs 3 x 3 products only, and loses no digits where the two are
     nearly equal.
     """
-    predicted, length = bone_directions(positions)
-    wanted, wanted_length = bone_directions(target)
+    predicted, length = bone_directions_and_lengths(positions)
+    wanted, wanted_length = bone_directions_and_lengths(target)
     is_valid = (length > SHORTEST_BONE_M) & (wanted_length > SHORTEST_BONE_M)
     predicted, wanted = predicted * is_valid[..., None], wanted * is_valid[..., None]
     total, difference = predicted + wanted, predicted - wanted
@@ -226,8 +229,7 @@ def skeleton_structure_loss(
 
 
 def temporal_structure_loss(
-    codes: Sequence[Float[Tensor, "B _ dim"]],
-    target: Sequence[Float[Tensor, "B _ dim"]],
+    codes: Sequence[Float[Tensor, "B _ dim"]], target: Sequence[Float[Tensor, "B _ dim"]]
 ) -> Float[Tensor, " B"]:
     """Compute L_m, GlobalDiff eq. 15: squared distance of codes ``z = g(X)`` (eq. 14).
 

@@ -4,14 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from model.generation.family import Family
-from model.motion.spaces import Representation
+from model.motion.spaces import VectorScaling
 from model.networks.config import AutoencoderConfig, MatchingConfig
-from model.speech.encoder import SPEECH_ENCODER, SpeechCodesConfig
+from model.speech.encoder import SPEECH_ENCODER, SpeechEncoderConfig
 from model.training.config import SMOKE, VOCAL_TRACT_RANGE, GeometricWeights, TrainConfig
 
 MOTION_VAE = "motion-vae"
 FGD_ENCODER, FMD_ENCODER, FED_ENCODER = "fgd-encoder", "fmd-encoder", "fed-encoder"
 MATCHING_NETWORK = "hearing-judge"
+"""Name of the weights of the classifier of matched speech and motion."""
 EVALUATION_ENCODER = AutoencoderConfig(
     rotation_space="local", blocks_per_scale=1, scales=(8,), mask_share=0.0, kl_weight=0.0
 )
@@ -31,7 +32,7 @@ class AutoencoderTrainConfig(TrainConfig):
     """Settings of a training of an autoencoder."""
 
     autoencoder: AutoencoderConfig = field(default_factory=AutoencoderConfig)
-    representation: Representation = "normalised"
+    representation: VectorScaling = "normalised"
     loss: GeometricWeights = field(default_factory=GeometricWeights)
     window_frames: int = 60
 
@@ -44,16 +45,17 @@ class MatchingTrainConfig(TrainConfig):
     piece_frames: int = 300
     """Length of a piece of speech or motion (frames)."""
     pieces: int = 4
-    """Consecutive pieces of each window: the mismatched ones include the same voice and habits."""
+    """Number of consecutive pieces of each window; the mismatched ones thus include the same voice
+    and habits."""
     arm_speed_weight: float = 0.3
     """Weight of the arms' log speed error, added to the contrastive loss."""
 
 
 @dataclass(frozen=True)
-class SpeechEncoderConfig(TrainConfig):
+class SpeechEncoderTrainConfig(TrainConfig):
     """Settings of a training of the speech encoder."""
 
-    codes: SpeechCodesConfig = field(default_factory=SpeechCodesConfig)
+    codes: SpeechEncoderConfig = field(default_factory=SpeechEncoderConfig)
     window_frames: int = 300
 
 
@@ -68,15 +70,12 @@ def presets(system: str) -> Mapping[str, TrainConfig]:
         smoke = replace(judge, matching=tiny, piece_frames=60, pieces=2, **SMOKE)
         return {"demo": judge, "smoke": smoke}
     if system == SPEECH_ENCODER:
-        encoder = SpeechEncoderConfig(
+        encoder = SpeechEncoderTrainConfig(
             system=system, steps=4000, batch_size=16, learning_rate=3e-3, ema_decay=0.995,
             save_every=500, validate_every=1000, throats=VOCAL_TRACT_RANGE,
         )  # fmt: skip
         small = replace(encoder.codes, width=16, codes=8, dilations=(1, 2))
-        return {
-            "demo": encoder,
-            "smoke": replace(encoder, codes=small, window_frames=60, **SMOKE),
-        }
+        return {"demo": encoder, "smoke": replace(encoder, codes=small, window_frames=60, **SMOKE)}
     config = AutoencoderTrainConfig(
         system=system, autoencoder=AUTOENCODERS[system], steps=3000, batch_size=32,
         learning_rate=1e-3,

@@ -81,11 +81,7 @@ class GeneaEncoder(nn.Module):
 
 
 def load_genea_encoder(path: Path) -> GeneaEncoder:
-    """Load the encoder from GENEA's file, which also holds an unused decoder.
-
-    Raises:
-        CheckpointError: for any other file.
-    """
+    """Load the encoder from GENEA's file; raises CheckpointError for any other file."""
     what, advice = "GENEA's encoder", "model_checkpoint_30, _60 or _90.bin of its evaluation"
     weights = {
         key.removeprefix(_PREFIX): each

@@ -25,15 +25,15 @@ from model.networks.config import MatchingConfig
 from model.networks.trained import TrainedWeights
 
 _ARM_JOINTS = ("collar", "shoulder", "elbow", "wrist", "index1", "middle1")
-CHAINS: Mapping[str, tuple[str, ...]] = {
+JOINTS_BY_TRACK: Mapping[str, tuple[str, ...]] = {
     **{f"{side}_{j}": (f"{side}_{j}",) for j in _ARM_JOINTS for side in ("left", "right")},
     "head": ("neck", "head"),
     "trunk": ("spine1", "spine2", "spine3"),
     "jaw": ("jaw",),
 }
 """Joints with rotations that are multiplied, by the track of their angular speed."""
-TRACKS = (*CHAINS, "jaw_open")
-PARTS: Mapping[str, tuple[int, ...]] = {
+TRACKS = (*JOINTS_BY_TRACK, "jaw_open")
+TRACKS_BY_PART: Mapping[str, tuple[int, ...]] = {
     "arms": tuple(range(2 * len(_ARM_JOINTS))),
     "trunk": (TRACKS.index("head"), TRACKS.index("trunk")),
     "face": (TRACKS.index("jaw"), TRACKS.index("jaw_open")),
@@ -53,7 +53,7 @@ MIN_SIZE = 1e-3
 """Smallest norm of a track; one with less movement agrees with nothing."""
 
 
-def motion_tracks(poses: Float[Tensor, "B T 165"]) -> Float[Tensor, "B T tracks"]:
+def log_speed_features(poses: Float[Tensor, "B T 165"]) -> Float[Tensor, "B T tracks"]:
     """Compute `TRACKS`, not normalised: log angular speeds (rad/s) and jaw opening (rad).
 
     All but the jaw opening do not depend on the pose.
@@ -63,7 +63,7 @@ def motion_tracks(poses: Float[Tensor, "B T 165"]) -> Float[Tensor, "B T tracks"
     """
     joints = poses.unflatten(-1, (-1, 3))
     tracks = []
-    for names in CHAINS.values():
+    for names in JOINTS_BY_TRACK.values():
         turned, *further = (matrix_from_axis_angle(joints[:, :, JOINT_INDEX[n]]) for n in names)
         for matrices in further:
             turned = turned @ matrices
@@ -88,7 +88,7 @@ def remove_mean(x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
 
 
 def log_arm_speed(tracks: Float[Tensor, "B T tracks"]) -> Float[Tensor, "B T2 1"]:
-    """Compute the arms' log speed from normalised `motion_tracks`, centred, at the towers' rate."""
+    """Compute the arms' centred log speed from `log_speed_features` at the towers' rate."""
     mean = tracks[..., PREDICTED].mean(-1, keepdim=True).transpose(1, 2)
     return remove_mean(F.avg_pool1d(mean, STRIDE, ceil_mode=True).transpose(1, 2))
 
@@ -119,16 +119,16 @@ class MatchingNetwork(nn.Module):
     def __init__(self, config: MatchingConfig) -> None:
         super().__init__()
         self.config = config
-        self.speech = Tower(config.speech_dim, config.speech_width, tuple(PARTS), config)
+        self.speech = Tower(config.speech_dim, config.speech_width, tuple(TRACKS_BY_PART), config)
         self.motion = nn.ModuleDict(
             {
                 part: Tower(len(columns), config.motion_width, (part,), config)
-                for part, columns in PARTS.items()
+                for part, columns in TRACKS_BY_PART.items()
             }
         )
         self.speed = nn.Linear(config.track_dim, 1, bias=False)
         """Projection of the speech's track for the arms to their log speed."""
-        self.log_scale = nn.Parameter(torch.full((len(PARTS),), 2.0))
+        self.log_scale = nn.Parameter(torch.full((len(TRACKS_BY_PART),), 2.0))
         """Logarithm of the factor of agreements in the contrastive loss, one for each part."""
 
     def encode_speech(
@@ -140,9 +140,10 @@ class MatchingNetwork(nn.Module):
     def encode_motion(
         self, tracks: Float[Tensor, "B T tracks"]
     ) -> dict[str, Float[Tensor, "B T2 track"]]:
-        """Compute the tracks of a motion by body part, from normalised `motion_tracks`."""
+        """Compute the tracks of a motion by body part, from normalised `log_speed_features`."""
         return {
-            part: self.motion[part](tracks[..., columns])[part] for part, columns in PARTS.items()
+            part: self.motion[part](tracks[..., columns])[part]
+            for part, columns in TRACKS_BY_PART.items()
         }
 
     def forward(
@@ -159,18 +160,18 @@ class MatchingNetwork(nn.Module):
 
 
 def agreement(
-    speech_track: Float[Tensor, "A T dim"], motion_track: Float[Tensor, "B T dim"]
+    motion_track: Float[Tensor, "B T dim"], speech_track: Float[Tensor, "A T dim"]
 ) -> Float[Tensor, "B A"]:
     """Correlate every motion's track with every speech's, over time and channels."""
-    speech_track, motion_track = (
-        F.normalize(x.flatten(1), dim=-1, eps=MIN_SIZE) for x in (speech_track, motion_track)
+    motion_track, speech_track = (
+        F.normalize(x.flatten(1), dim=-1, eps=MIN_SIZE) for x in (motion_track, speech_track)
     )
     return motion_track @ speech_track.T
 
 
 @dataclass(frozen=True)
 class SpeechMotionMatcher:
-    """Trained classifier with the statistics of `motion_tracks`; its weights are constant."""
+    """Trained classifier with the statistics of `log_speed_features`; its weights are constant."""
 
     network: MatchingNetwork
     normaliser: Normaliser
@@ -185,17 +186,19 @@ class SpeechMotionMatcher:
     ) -> Float[Tensor, "B A"]:
         """Compute the agreement of every motion with every speech, summed over ``parts``."""
         speech_codes = self.network.encode_speech(speech)
-        motion_codes = self.network.encode_motion(self.normaliser.normalise(motion_tracks(poses)))
+        motion_codes = self.network.encode_motion(
+            self.normaliser.normalise(log_speed_features(poses))
+        )
         return torch.stack(
-            [agreement(speech_codes[part], motion_codes[part]) for part in parts]
+            [agreement(motion_codes[part], speech_codes[part]) for part in parts]
         ).sum(0)
 
     @torch.inference_mode()
-    def arm_speeds(
+    def measured_and_predicted_log_arm_speed(
         self, poses: Float[Tensor, "B T 165"], speech: Float[Tensor, "B T dim"]
     ) -> tuple[Float[Tensor, "B T2 1"], Float[Tensor, "B T2 1"]]:
         """Compute the arms' centred log speed, of the motion and predicted from speech."""
-        tracks = self.normaliser.normalise(motion_tracks(poses))
+        tracks = self.normaliser.normalise(log_speed_features(poses))
         speeds = self.network.speed(self.network.encode_speech(speech)["arms"])
         return log_arm_speed(tracks), speeds
 

@@ -10,26 +10,26 @@ from model.data.prepared import Batch, PreparedData
 from model.data.recordings import DataError
 from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Normaliser, decode
-from model.networks.autoencoder import MotionAutoencoder, input_vectors
-from model.networks.speech_codes import CodesNetwork, SpeechPredictions
+from model.networks.autoencoder import MotionAutoencoder, autoencoder_input
+from model.networks.speech_codes import SpeechCodesNetwork, SpeechPredictions
 from model.speech.encoder import SPEECH_LABELS
 from model.systems.helpers.config import (
     AutoencoderTrainConfig,
     MatchingTrainConfig,
-    SpeechEncoderConfig,
+    SpeechEncoderTrainConfig,
 )
 from model.systems.helpers.matching import (
-    PARTS,
+    TRACKS_BY_PART,
     MatchingNetwork,
     agreement,
     log_arm_speed,
-    motion_tracks,
+    log_speed_features,
 )
 from model.training import losses
 from model.training.config import TrainConfig
 from model.training.losses import geometric_terms
 from model.training.parallel import ShardedRandom
-from model.training.targets import augmented_speech, fit_features, statistics_batch
+from model.training.targets import augmented_speech, fit_speech_normaliser, statistics_batch
 from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 
@@ -46,7 +46,7 @@ class AutoencoderTask(SingleNetworkTask):
     def __init__(
         self, config: AutoencoderTrainConfig, data: PreparedData, setup: TaskSetup
     ) -> None:
-        weights = setup.begin(config, data)
+        weights = setup.seed_and_read_initial_weights(config, data)
         frames = config.window_frames
         normaliser = (
             weights.normaliser
@@ -63,14 +63,17 @@ class AutoencoderTask(SingleNetworkTask):
         face = slice(shape.motion_channels, None)
         num_frames = batch.poses.shape[1]
         num_frames -= num_frames % max(shape.scales)
-        vectors = input_vectors(
-            shape, shard.of(batch.poses), shard.of(batch.transl), shard.of(batch.expression)
+        vectors = autoencoder_input(
+            shape,
+            shard.local_rows(batch.poses),
+            shard.local_rows(batch.transl),
+            shard.local_rows(batch.arkit_weights),
         )[:, :num_frames]
         normalised = self.normaliser.normalise(vectors)
         hidden, noise = None, None
         if network.training:
-            draw = torch.rand(draws.size, num_frames, generator=draws.generator)
-            hidden = shard.of(draw < shape.mask_share)
+            draw = torch.rand(draws.batch_size, num_frames, generator=draws.generator)
+            hidden = shard.local_rows(draw < shape.mask_share)
             if shape.kl_weight > 0:
                 noise = [
                     draws.noise((num_frames // scale, shape.latent_dim))
@@ -107,7 +110,7 @@ def fit_input_normaliser(config: AutoencoderTrainConfig, batch: Batch) -> Normal
         DataError: if the network needs faces and they never move.
     """
     shape = config.autoencoder
-    vectors = input_vectors(shape, batch.poses, batch.transl, batch.expression).flatten(0, 1)
+    vectors = autoencoder_input(shape, batch.poses, batch.transl, batch.arkit_weights).flatten(0, 1)
     motion, face = vectors.split([shape.motion_channels, shape.face_channels], dim=-1)
     parts = []
     if shape.motion_channels > 0:
@@ -115,7 +118,7 @@ def fit_input_normaliser(config: AutoencoderTrainConfig, batch: Batch) -> Normal
     if shape.face_channels > 0:
         if not (face != face[0]).any():
             raise DataError(
-                f"{config.system} needs faces as ARKit blendshapes; in this data they never move."
+                f"{config.system} needs faces as ARKit blendshapes, but no face in this data moves."
             )
         parts.append(Normaliser.fit(face, groups=[range(shape.face_channels)]))
     return Normaliser(
@@ -137,12 +140,12 @@ class SpeechMotionMatchingTask(SingleNetworkTask):
     config: MatchingTrainConfig
 
     def __init__(self, config: MatchingTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
-        weights = setup.begin(config, data)
+        weights = setup.seed_and_read_initial_weights(config, data)
         normaliser = (
             weights.normaliser
             if weights
             else fit_track_normaliser(
-                motion_tracks(statistics_batch(data, config.piece_frames).poses)
+                log_speed_features(statistics_batch(data, config.piece_frames).poses)
             )
         )
         network = MatchingNetwork(config.matching)
@@ -157,17 +160,17 @@ class SpeechMotionMatchingTask(SingleNetworkTask):
             return x.unflatten(1, (config.pieces, config.piece_frames)).flatten(0, 1)
 
         with torch.no_grad():
-            tracks = self.normaliser.normalise(motion_tracks(shard.of(batch.poses)))
-            speech = shard.of(augmented_speech(config, network, batch, draws.generator))
+            tracks = self.normaliser.normalise(log_speed_features(shard.local_rows(batch.poses)))
+            speech = shard.local_rows(augmented_speech(config, network, batch, draws.generator))
         with shard.autocast():
             speech_tracks, motion_tracks_encoded, speed, log_scale = network(
                 pieces(speech), pieces(tracks)
             )
         terms, shares = {}, {}
-        for part, scale in zip(PARTS, log_scale.exp(), strict=True):
-            agreements = agreement(speech_tracks[part].float(), motion_tracks_encoded[part].float())
+        for part, scale in zip(TRACKS_BY_PART, log_scale.exp(), strict=True):
+            agreements = agreement(motion_tracks_encoded[part].float(), speech_tracks[part].float())
             terms[part] = contrastive_loss(scale * agreements)
-            shares[f"{part}_share_right"] = matching_accuracy(agreements.detach())
+            shares[f"{part}_share_right"] = pairwise_matching_accuracy(agreements.detach())
         wanted = log_arm_speed(pieces(tracks))
         error = (speed.float() - wanted).square().mean() / wanted.square().mean().clamp_min(1e-6)
         terms["arm_speed"] = config.arm_speed_weight * error
@@ -175,7 +178,7 @@ class SpeechMotionMatchingTask(SingleNetworkTask):
 
 
 def fit_track_normaliser(tracks: Float[Tensor, "N T tracks"]) -> Normaliser:
-    """Compute the statistics of `motion_tracks`."""
+    """Compute the statistics of `log_speed_features`."""
     flat = tracks.flatten(0, 1)
     return Normaliser(flat.mean(0), flat.std(0).clamp_min(TRACK_STD_FLOOR))
 
@@ -186,7 +189,7 @@ def contrastive_loss(scores: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
     return (F.cross_entropy(scores, own) + F.cross_entropy(scores.T, own)) / 2
 
 
-def matching_accuracy(agreements: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
+def pairwise_matching_accuracy(agreements: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
     """Compute how often a motion (row) agrees more with its own than with another speech."""
     own = agreements.diagonal()[:, None]
     others = ~torch.eye(len(agreements), dtype=torch.bool, device=agreements.device)
@@ -200,30 +203,45 @@ _NUMBERS = ("strength", "speed")
 class SpeechEncoderTask(SingleNetworkTask):
     """Training of the speech encoder with one loss per prediction (`prediction_losses`)."""
 
-    config: SpeechEncoderConfig
+    config: SpeechEncoderTrainConfig
 
-    def __init__(self, config: SpeechEncoderConfig, data: PreparedData, setup: TaskSetup) -> None:
-        weights, shape = setup.begin(config, data), config.codes
-        self.spoken = load_speech_labels(data, load_plan_annotations(data, 1 + max(data.speakers)))
-        network = CodesNetwork(shape)
-        normaliser = weights.normaliser if weights else fit_features(data)
+    def __init__(
+        self, config: SpeechEncoderTrainConfig, data: PreparedData, setup: TaskSetup
+    ) -> None:
+        weights, shape = setup.seed_and_read_initial_weights(config, data), config.codes
+        self.spoken = load_speech_labels(
+            data, load_plan_annotations(data, 1 + max(data.speaker_names))
+        )
+        network = SpeechCodesNetwork(shape)
+        normaliser = weights.normaliser if weights else fit_speech_normaliser(data)
         super().__init__(
-            setup, config, weights, network, normaliser, config.window_frames, shape.context
+            setup,
+            config,
+            weights,
+            network,
+            normaliser,
+            config.window_frames,
+            shape.context_frames_per_side,
         )
 
     def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shard = self.config, draws.shard
         with torch.no_grad():
-            features = shard.of(augmented_speech(config, network, batch, draws.generator))
+            features = shard.local_rows(augmented_speech(config, network, batch, draws.generator))
             speech = self.normaliser.normalise(features)
-            phone, labels = (shard.of(part) for part in self.spoken.phones_and_labels(batch))
+            phone, labels = (
+                shard.local_rows(part) for part in self.spoken.phones_and_labels(batch)
+            )
         with shard.autocast():
             reading = network(speech)
-        inside = slice(config.codes.context, speech.shape[1] - config.codes.context)
-        predictions = SpeechPredictions(
-            reading.phone[:, inside].float(), reading.label_logits[:, inside].float()
+        inside = slice(
+            config.codes.context_frames_per_side,
+            speech.shape[1] - config.codes.context_frames_per_side,
         )
-        right = (predictions.phone.argmax(-1) == phone).float().mean()
+        predictions = SpeechPredictions(
+            reading.phone_logits[:, inside].float(), reading.label_outputs[:, inside].float()
+        )
+        right = (predictions.phone_logits.argmax(-1) == phone).float().mean()
         return StepLoss(prediction_losses(predictions, phone, labels), {"phones_right": right})
 
 
@@ -231,9 +249,9 @@ def prediction_losses(
     predictions: SpeechPredictions, phone: Int[Tensor, "B T"], labels: Float[Tensor, "B T labels"]
 ) -> dict[str, Float[Tensor, ""]]:
     """Compute cross-entropies, and squared errors of strength (at accents) and speed."""
-    losses = {"phone": F.cross_entropy(predictions.phone.flatten(0, 1), phone.flatten())}
+    losses = {"phone": F.cross_entropy(predictions.phone_logits.flatten(0, 1), phone.flatten())}
     for number, name in enumerate(SPEECH_LABELS):
-        predicted, wanted = predictions.label_logits[..., number], labels[..., number]
+        predicted, wanted = predictions.label_outputs[..., number], labels[..., number]
         if name not in _NUMBERS:
             losses[name] = F.binary_cross_entropy_with_logits(predicted, wanted)
             continue
@@ -249,5 +267,5 @@ def prediction_losses(
 TASKS: dict[type[TrainConfig], type] = {
     AutoencoderTrainConfig: AutoencoderTask,
     MatchingTrainConfig: SpeechMotionMatchingTask,
-    SpeechEncoderConfig: SpeechEncoderTask,
+    SpeechEncoderTrainConfig: SpeechEncoderTask,
 }

@@ -54,11 +54,7 @@ _CALLED: dict[OfficialNetwork, tuple[str, str]] = {
 
 
 def official_folder() -> Path | None:
-    """Return the folder that ``OFFICIAL_DIR`` names; None if none is named.
-
-    Raises:
-        CheckpointError: if it does not exist.
-    """
+    """Return the folder in ``OFFICIAL_DIR``, None if unset; raises CheckpointError if missing."""
     named = os.environ.get(FOLDER_VARIABLE)
     if named and not Path(named).is_dir():
         raise CheckpointError(
@@ -69,11 +65,7 @@ def official_folder() -> Path | None:
 
 
 def official_file(part: OfficialNetwork) -> Path:
-    """Return the checkpoint of a network: the one called best, else the last epoch's.
-
-    Raises:
-        CheckpointError: if there is none.
-    """
+    """Return a network's best or else last checkpoint; raises CheckpointError if none."""
     folder = official_folder()
     if folder is None:
         raise CheckpointError(
@@ -81,25 +73,21 @@ def official_file(part: OfficialNetwork) -> Path:
             "--official FOLDER."
         )
     there = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    own = [path for path in there if network_of_file(path.relative_to(folder.parent)) == part]
+    own = [path for path in there if network_by_file_name(path.relative_to(folder.parent)) == part]
     if not own:
         what, called = _CALLED[part]
         raise CheckpointError(f"{folder} holds no file of the {what}; put it there as {called}.")
     return max(own, key=_rank)
 
 
-def network_of_file(path: Path) -> OfficialNetwork | None:
+def network_by_file_name(path: Path) -> OfficialNetwork | None:
     """Return the network of a file, by its name and its folder's."""
     named = f"/{path.as_posix()}"
     return next((part for part, names in _NAMES.items() if names.fullmatch(named)), None)
 
 
-def require_speech_features() -> Path:
-    """Return the folder of a speech model, or the file of features, that the networks need.
-
-    Raises:
-        EncoderError: if neither is named or exists.
-    """
+def require_speech_model_or_features() -> Path:
+    """Return the folder of a speech model or file of features; raises EncoderError."""
     named = os.environ.get(SPEECH_VARIABLE) or os.environ.get(WEIGHTS_VARIABLE)
     path = Path(named) if named else None
     if path is None or not path.exists():

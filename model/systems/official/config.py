@@ -13,7 +13,7 @@ from model.systems.official.checkpoints import (
     SPEECH_VARIABLE,
     official_file,
     official_folder,
-    require_speech_features,
+    require_speech_model_or_features,
 )
 
 FILTERED = "official/authors"
@@ -32,11 +32,11 @@ class OfficialFamily(Family):
     """Family with weights in a separate folder that are not trained here."""
 
     @property
-    def trained_networks(self) -> tuple[str, ...]:
-        """Names of trained networks: none."""
+    def trainable_networks(self) -> tuple[str, ...]:
+        """Names of networks that this project trains: none."""
         return ()
 
-    def systems_in(self, folder: Path) -> tuple[str, ...]:
+    def available_systems(self, folder: Path) -> tuple[str, ...]:
         """Return both systems if a folder was named; reading them reports missing files."""
         return () if official_folder() is None else self.systems
 
@@ -45,11 +45,11 @@ class OfficialFamily(Family):
         if official_folder() is not None:
             for part in OFFICIAL_NETWORKS:
                 official_file(part)
-            require_speech_features()
+            require_speech_model_or_features()
 
     def single_speech_reason(self) -> str | None:
         """Return that prepared features are of one speech; None without them."""
-        if official_folder() is None or not require_speech_features().is_file():
+        if official_folder() is None or not require_speech_model_or_features().is_file():
             return None
         return (
             "prepared features belong to one recording; name a folder of WavLM or HuBERT with "
@@ -63,10 +63,10 @@ class OfficialFamily(Family):
 
     def check_files(self) -> tuple[FileCheck, ...]:
         """Check each network and their speech model."""
-        from model.systems.official.networks import check_networks
+        from model.systems.official.networks import check_official_files
 
         folder = official_folder()
-        return () if folder is None else tuple(check_networks(folder))
+        return () if folder is None else tuple(check_official_files(folder))
 
     def card(self, name: str, folder: Path) -> WeightsCard:
         """Make a card from the checkpoints' names; other systems' speakers are number 0."""
@@ -112,13 +112,13 @@ FAMILY = OfficialFamily(
         ),
         FileFlag(
             "--official-features", SPEECH_VARIABLE, "PATH",
-            "Folder of WavLM or HuBERT, their speech encoder, or features of this speech (.npz or "
-            f".npy; default: ${SPEECH_VARIABLE}, else $WAVLM_DIR)",
+            "Folder of WavLM or HuBERT, the authors' speech encoder, or prepared features of this "
+            f"speech (.npz or .npy; default: ${SPEECH_VARIABLE}, else $WAVLM_DIR)",
         ),
         FileFlag(
             "--official-seed", SEED_VARIABLE, "MOTION.npz",
-            f"Motion whose first 8 frames are their seed pose (default: ${SEED_VARIABLE}, else a "
-            "standing pose)",
+            "Motion whose first 8 frames are the seed pose of the systems official/... (default: "
+            f"${SEED_VARIABLE}, else a standing pose)",
         ),
     ),
 )  # fmt: skip

@@ -247,8 +247,8 @@ def load_network(part: OfficialNetwork, path: Path) -> nn.Module:
 _ADVICE = "see docs/official.md"
 
 
-def check_networks(folder: Path) -> Iterator[FileCheck]:
-    """Yield a report on each network, and on their speech model."""
+def check_official_files(base_folder: Path) -> Iterator[FileCheck]:
+    """Yield a report on each network and the speech model, with paths relative to a folder."""
     for part in OFFICIAL_NETWORKS:
         name = f"official {part}"
         try:
@@ -257,7 +257,7 @@ def check_networks(folder: Path) -> Iterator[FileCheck]:
         except Exception as error:  # any fault of a file is reported
             yield FileCheck(name, error=error, advice=_ADVICE)
         else:
-            detail = f"{path.relative_to(folder)}, {count / 1e6:.1f} M parameters"
+            detail = f"{path.relative_to(base_folder)}, {count / 1e6:.1f} M parameters"
             yield FileCheck(name, detail)
     try:
         official_encoder()

@@ -22,7 +22,11 @@ from model.speech.wavlm import (
     load_speech_model,
     resampled,
 )
-from model.systems.official.checkpoints import SEED_FRAMES, SPEECH_DIM, require_speech_features
+from model.systems.official.checkpoints import (
+    SEED_FRAMES,
+    SPEECH_DIM,
+    require_speech_model_or_features,
+)
 
 STEP_SAMPLES = WINDOW_SAMPLES - int(16_000 / 30 * SEED_FRAMES)
 ADVANCE = WINDOW_FRAMES - SEED_FRAMES
@@ -71,7 +75,7 @@ def frames_to_window(frames: Float[Tensor, "60 both"]) -> Float[Tensor, "60 dim"
 
 def official_encoder() -> OfficialEncoder:
     """Make the encoder from the speech model in a folder, or from a file of features."""
-    source = require_speech_features()
+    source = require_speech_model_or_features()
     return OfficialEncoder(_by_model(source) if source.is_dir() else _prepared(source))
 
 
@@ -101,8 +105,9 @@ def _prepared(path: Path) -> SpeechModel:
         needed = len(windows)
         if len(features) != needed and not (needed == 1 and len(features) == 2):
             raise EncoderError(
-                f"{path.name} holds features of {len(features)} windows, and this speech needs "
-                f"{needed}, one every {STEP_SAMPLES} samples of 16 kHz; prepare them from it."
+                f"{path.name} holds features of {len(features)} windows, but this speech needs "
+                f"{needed}, one every {STEP_SAMPLES} samples at 16 kHz; prepare features of this "
+                "speech."
             )
         return features[:needed]
 
@@ -110,11 +115,7 @@ def _prepared(path: Path) -> SpeechModel:
 
 
 def read_features(path: Path) -> Float32[Tensor, "n 60 1024"]:
-    """Read prepared features: ``features`` of an .npz, or an .npy, of 60 or 99 vectors a window.
-
-    Raises:
-        EncoderError: if it is not such a file.
-    """
+    """Read 60 or 99 vectors a window, ``features`` of .npz or an .npy; raises EncoderError."""
     try:
         loaded = np.load(path, allow_pickle=False)
         array = loaded if isinstance(loaded, np.ndarray) else loaded["features"]

@@ -17,7 +17,7 @@ from model.motion.motion import Motion, load_motion
 from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d, rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import sample
-from model.storage.files import FileVersions, file_sha256, file_versions
+from model.storage.files import FileStamps, file_sha256, file_stamps
 from model.storage.npz import MotionError
 from model.systems.official.checkpoints import (
     MOTION_DIM,
@@ -63,8 +63,8 @@ class OfficialSystem(System):
 
     window_type: ClassVar[type[Window]] = OfficialWindow
     network: OfficialMotionNetwork
-    expressions: OfficialExpressionNetwork
-    seed: Float[Tensor, "8 333"]
+    expression_network: OfficialExpressionNetwork
+    initial_seed_pose: Float[Tensor, "8 333"]
     smooths_windows: bool
     """True if each window is smoothed before the next one starts, as in the authors' script."""
 
@@ -74,10 +74,10 @@ class OfficialSystem(System):
     ) -> OfficialWindow:
         assert before is None or isinstance(before, OfficialWindow)
         size = spec.num_samples
-        speech_window = frames_to_window(speech.with_context(0, WINDOW_FRAMES))[None]
-        speaker = torch.tensor([spec.speaker])
-        face = self.expressions(speech_window, speaker)
-        seed = self.seed.expand(size, -1, -1)
+        speech_window = frames_to_window(speech.trim_context(0, WINDOW_FRAMES))[None]
+        speaker = torch.tensor([spec.speaker_index])
+        face = self.expression_network(speech_window, speaker)
+        seed = self.initial_seed_pose.expand(size, -1, -1)
         if before is not None:
             seed = before.vectors[:, -SEED_FRAMES:]
         conditions = {
@@ -97,7 +97,7 @@ class OfficialSystem(System):
         x_0 = spec.noise((WINDOW_FRAMES, MOTION_DIM))
         sample(predict, x_0, steps=spec.steps, sampler="reinterpolate")
         vectors = smoothed(last["x_1"]) if self.smooths_windows else last["x_1"]
-        return _window(as_rotations(vectors), conditions["expression"])
+        return _window(orthonormalise_rotations(vectors), conditions["expression"])
 
     def join(self, older: Window, newer: Window) -> OfficialWindow:
         """Average the shared frames of both windows, the face too."""
@@ -119,8 +119,8 @@ def _window(vectors: Float[Tensor, "B n 333"], face: Float[Tensor, "B n E"]) -> 
     )
 
 
-def as_rotations(vectors: Float[Tensor, "B T 333"]) -> Float[Tensor, "B T 333"]:
-    """Project the 6D rows of the vectors to rotations."""
+def orthonormalise_rotations(vectors: Float[Tensor, "B T 333"]) -> Float[Tensor, "B T 333"]:
+    """Orthonormalise the 6D rows of motion vectors, which are of any length and angle."""
     rotmat = matrix_from_rot6d(vectors[..., :-ROOT_DIM].unflatten(-1, (-1, 6)))
     return torch.cat([rot6d_from_matrix(rotmat).flatten(-2), vectors[..., -ROOT_DIM:]], dim=-1)
 
@@ -142,11 +142,7 @@ def initial_seed_pose() -> Float[Tensor, "8 333"]:
 
 
 def seed_pose_of(motion: Motion) -> Float[Tensor, "8 333"]:
-    """Return the first frames of a motion as motion vectors.
-
-    Raises:
-        MotionError: if there are fewer.
-    """
+    """Return a motion's first frames as vectors; raises MotionError if there are fewer."""
     if motion.num_frames < SEED_FRAMES:
         raise MotionError(
             f"The motion to start from has {motion.num_frames} frames; {SEED_FRAMES} are needed."
@@ -172,7 +168,7 @@ def _vectors(
 
 
 @functools.lru_cache(maxsize=2)
-def _shared(part: OfficialNetwork, path: Path, versions: FileVersions) -> nn.Module:
+def _shared(part: OfficialNetwork, path: Path, stamps: FileStamps) -> nn.Module:
     """Load a network once for both systems."""
     return load_network(part, path)
 
@@ -180,8 +176,8 @@ def _shared(part: OfficialNetwork, path: Path, versions: FileVersions) -> nn.Mod
 def load(name: str, folder: Path) -> OfficialSystem:
     """Load the named checkpoints."""
     motion, expression = official_file("motion"), official_file("expression")
-    network = cast(OfficialMotionNetwork, _shared("motion", motion, file_versions([motion])))
-    expressions = _shared("expression", expression, file_versions([expression]))
+    network = cast(OfficialMotionNetwork, _shared("motion", motion, file_stamps([motion])))
+    expression_network = _shared("expression", expression, file_stamps([expression]))
     card = FAMILY.card(name, folder)
     return OfficialSystem(
         name=name,
@@ -191,11 +187,11 @@ def load(name: str, folder: Path) -> OfficialSystem:
         encoder=official_encoder(),
         windowing=Windowing(WINDOW_FRAMES, SEED_FRAMES, 0),
         samplers=FAMILY.samplers_of(name),
-        frame="world",
-        root_motion="place",
+        rotation_frame="global",
+        root_format="place",
         expression_basis="flame100",
         network=network,
-        expressions=cast(OfficialExpressionNetwork, expressions),
-        seed=initial_seed_pose(),
+        expression_network=cast(OfficialExpressionNetwork, expression_network),
+        initial_seed_pose=initial_seed_pose(),
         smooths_windows=name != UNFILTERED,
     )

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 from model.generation.family import Family
 from model.sampling.samplers import make_samplers
-from model.speech.encoder import SpeechCodesConfig
-from model.systems.globaldiff.config import PRIORFLOW, GlobalDiffConfig, NetworkConfig
+from model.speech.encoder import SpeechEncoderConfig
+from model.systems.globaldiff.config import PRIORFLOW, GlobalDiffTrainConfig, NetworkConfig
 from model.systems.globaldiff.config import presets as globaldiff_presets
 from model.training.config import SMOKE, VOCAL_TRACT_RANGE, TrainConfig
 
@@ -22,19 +22,19 @@ class PlannerConfig:
 
     speech_dim: int = 68
     codes: int = 0
-    """Size of the codes of `model.networks.speech_codes`, a further input; 0 for none."""
+    """Dimension of the codes of `model.networks.speech_codes`, a further input; 0 for none."""
     width: int = 128
     head_width: int = 96
     dilations: tuple[int, ...] = (1, 2, 4, 8, 16)
     """Dilations of convolutions over three frames: about a second of speech on either side."""
     mixtures: int = 6
-    """Number of Gaussians of a mark."""
+    """Number of Gaussians in a mark's mixture."""
     num_speakers: int = 31
     """Size of the speaker table; 0 stands for "no speaker"."""
     window_frames: int = 300
 
     @property
-    def context(self) -> int:
+    def context_frames_per_side(self) -> int:
         """Frames of speech on either side."""
         return sum(self.dilations)
 
@@ -45,8 +45,7 @@ class PlannerTrainConfig(TrainConfig):
 
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     speakerless: float = 0.5
-    """Share of the windows without speech that have no speaker either, as guidance amplifies
-    both."""
+    """Share of windows without speech that have no speaker either, as guidance amplifies both."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class PlannedNetworkConfig(NetworkConfig):
 
 
 @dataclass(frozen=True)
-class PlannedConfig(GlobalDiffConfig):
+class PlannedMotionTrainConfig(GlobalDiffTrainConfig):
     """Settings of a training of the motion network."""
 
     network: PlannedNetworkConfig = field(default_factory=PlannedNetworkConfig)
@@ -73,7 +72,7 @@ def presets(system: str) -> dict[str, TrainConfig]:
         planner = PlannerTrainConfig(
             system=system, steps=2000, batch_size=16, learning_rate=2e-3, ema_decay=0.995,
             speech_dropout=0.15, save_every=250, throats=VOCAL_TRACT_RANGE,
-            planner=PlannerConfig(codes=SpeechCodesConfig.codes),
+            planner=PlannerConfig(codes=SpeechEncoderConfig.codes),
         )  # fmt: skip
         shape = replace(planner.planner, codes=0, width=16, head_width=16, window_frames=60)
         return {"demo": planner, "smoke": replace(planner, planner=shape, **SMOKE)}
@@ -81,12 +80,12 @@ def presets(system: str) -> dict[str, TrainConfig]:
     return {name: _with_plan_conditioning(bases[name], system) for name in ("demo", "smoke")}
 
 
-def _with_plan_conditioning(base: GlobalDiffConfig, system: str) -> PlannedConfig:
+def _with_plan_conditioning(base: GlobalDiffTrainConfig, system: str) -> PlannedMotionTrainConfig:
     shape = PlannedNetworkConfig(**vars(base.network))
     fields = {
         name: value for name, value in vars(base).items() if name not in ("system", "network")
     }
-    return PlannedConfig(system=system, network=shape, **fields)
+    return PlannedMotionTrainConfig(system=system, network=shape, **fields)
 
 
 FAMILY = Family(
@@ -97,7 +96,7 @@ FAMILY = Family(
         PLANNED: (
             "First samples a plan of gestures, nods and gaze from the speech, then generates "
             "motion that follows the plan."
-        ),
+        )
     },
     samplers={PLANNED: make_samplers("euler", "heun", steps=6, guidance=2.5)},
     presets=presets,

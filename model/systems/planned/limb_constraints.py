@@ -23,10 +23,7 @@ from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.motion.kinematics import (
-    joint_positions_from_local,
-    open_body_skeleton,
-)
+from model.motion.kinematics import forward_kinematics, open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import CHEST_AXIS_SIGNS
 from model.motion.two_bone_ik import HingedLimb, minimum_jerk, unit
@@ -71,12 +68,12 @@ class LimbConstraints:
         self._hands = HandGuide(plan or GesturePlan(1.0))
         self._feet = FootLock(plan.planted if plan else (), contacts)
 
-    def apply(self, motion: Motion) -> Motion:
-        return self._feet.hold(self._hands.lead(motion))
+    def constrain_next(self, motion: Motion) -> Motion:
+        return self._feet.constrain_next(self._hands.constrain_next(motion))
 
-    def continue_with(self, streamed: StreamedPlan, first_frame: int) -> None:
-        self._hands.continue_with(streamed.condition, first_frame)
-        self._feet.continue_with(streamed.planted)
+    def set_condition(self, streamed: StreamedPlan, first_frame: int) -> None:
+        self._hands.set_plan(streamed.condition, first_frame)
+        self._feet.set_contacts(streamed.foot_contacts_from_start)
 
     def state(self) -> dict[str, Tensor]:
         """Return the footings so far."""
@@ -93,8 +90,8 @@ class FootPlacement(NamedTuple):
     x: float
     z: float
     """Position of the ankle in world coordinates (m)."""
-    turn: float
-    """Rotation of the foot about the vertical (rad); 0 points ahead."""
+    yaw_rad: float
+    """Rotation of the foot about the vertical; 0 points ahead."""
 
 
 @dataclass
@@ -109,20 +106,20 @@ class FootLock:
     """Footings of all feet that have landed so far."""
     _frames: int = field(default=0, init=False)
 
-    def continue_with(self, planted: Sequence[FootContact]) -> None:
+    def set_contacts(self, planted: Sequence[FootContact]) -> None:
         """Continue with other times; those that began before have the same footing."""
         stood = {(event.foot, event.start_s): place for event, place in self.placements.items()}
         self.planted = planted
         there = {event: stood.get((event.foot, event.start_s)) for event in planted}
         self.placements = {event: place for event, place in there.items() if place is not None}
 
-    def hold(self, motion: Motion) -> Motion:
-        """Lock the feet in the frames that follow those of the last call."""
+    def constrain_next(self, motion: Motion) -> Motion:
+        """Lock feet in the frames after those of the last call; lower the pelvis where needed."""
         frames = range(self._frames, self._frames + motion.num_frames)
         self._frames = frames.stop
         if not self.planted:
             return motion
-        turned, places = joint_positions_from_local(
+        turned, places = forward_kinematics(
             motion.local_rotations().double(),
             open_body_skeleton(),
             torch.from_numpy(motion.trans).double(),
@@ -179,7 +176,7 @@ class FootLock:
             swing = (time - stop + 1) / (gone - stop + 1)
             held = np.where(time >= first, held * (1 - minimum_jerk(swing)), 0.0)
             path += held[:, None] * ([footing.x, footing.z] - path)
-            turn += held * ((footing.turn - turn + np.pi) % (2 * np.pi) - np.pi)
+            turn += held * ((footing.yaw_rad - turn + np.pi) % (2 * np.pi) - np.pi)
             if after is not None and after - stop <= STEP_S * FPS:
                 lift += LIFT_M * np.where(
                     (swing > 0) & (swing < 1), np.sin(np.pi * swing) ** 2, 0.0
@@ -251,20 +248,18 @@ class HandGuide:
     """Plan of the hands. A hand without phases is not changed."""
     _frames: int = field(default=0, init=False)
 
-    def continue_with(self, plan: GesturePlan, first_frame: int) -> None:
+    def set_plan(self, plan: GesturePlan, first_frame: int) -> None:
         """Continue with another plan, in which the next frame is ``first_frame``."""
         self.plan, self._frames = plan, first_frame
 
-    def lead(self, motion: Motion) -> Motion:
-        """Move the hands in the frames that follow those of the last call."""
+    def constrain_next(self, motion: Motion) -> Motion:
+        """Move the hands in the frames after those of the last call."""
         frames = range(self._frames, self._frames + motion.num_frames)
         self._frames = frames.stop
         sides: list[Side] = [side for side in SIDES if self.plan.hand(side)]
         if not sides:
             return motion
-        turned, places = joint_positions_from_local(
-            motion.local_rotations().double(), open_body_skeleton()
-        )
+        turned, places = forward_kinematics(motion.local_rotations().double(), open_body_skeleton())
         rotmat, joints = turned.numpy(), places.numpy()
         chest = JOINT_INDEX["spine3"]
         poses = motion.poses.reshape(-1, len(JOINT_INDEX), 3).copy()

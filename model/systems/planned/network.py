@@ -12,13 +12,13 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int, Shaped
 from torch import Tensor, nn
 
-from model.networks.branch import ExtraConditionEncoder, PriorNetwork
-from model.plan.plan_features import CHAINS_BY_NAME, NUM_TRACKS, TIERS, EventTier
+from model.networks.branch import ExtraConditionEncoder, PriorResidualNetwork
+from model.plan.plan_features import NUM_TRACKS, TIERS, TIERS_BY_NAME, EventTier
 from model.sampling.prior import GaussianPrior
 from model.systems.planned.config import PlannedNetworkConfig, PlannerConfig
 
 
-class PlanTokens(ExtraConditionEncoder):
+class PlanEncoder(ExtraConditionEncoder):
     """Encoder of a plan to one token per frame."""
 
     def __init__(self, config: PlannedNetworkConfig) -> None:
@@ -32,14 +32,14 @@ class PlanTokens(ExtraConditionEncoder):
         return torch.cat([tracks, self.kinds(kinds).flatten(-2)], dim=-1)
 
 
-class PlannedNetwork(PriorNetwork):
-    """Network that predicts x_1 from the inputs of `PriorNetwork` and a plan."""
+class PlannedNetwork(PriorResidualNetwork):
+    """Network that predicts x_1 from the inputs of `PriorResidualNetwork` and a plan."""
 
     def __init__(self, config: PlannedNetworkConfig, prior: GaussianPrior) -> None:
         super().__init__(
             config, prior, channels=config.motion_dim, expression_dim=config.expression_dim
         )
-        self.plan = PlanTokens(config)
+        self.plan = PlanEncoder(config)
 
     def forward(
         self,
@@ -51,7 +51,7 @@ class PlannedNetwork(PriorNetwork):
         has_plan: Bool[Tensor, " B"],
         **conditions: Shaped[Tensor, "B ..."],
     ) -> Float[Tensor, "B T C"]:
-        """Predict the clean components x_1, with the inputs of `PriorNetwork` and a plan.
+        """Predict the clean components x_1, with the inputs of `PriorResidualNetwork` and a plan.
 
         The plan's tracks, and the gesture types of both hands, are those of the speech's frames.
         """
@@ -60,22 +60,22 @@ class PlannedNetwork(PriorNetwork):
 
 
 SPEAKER_WIDTH = 16
-_MIN_SPREAD = 0.02
-"""Smallest deviation of a mark, in the tier's units."""
+_MIN_STD = 0.02
+"""Smallest standard deviation of a mark, in the tier's units."""
 
 
 @dataclass(frozen=True)
 class MarkMixture:
-    """Mixture of Gaussians with diagonal covariances."""
+    """Mixture of K Gaussians with diagonal covariances, in the tier's units."""
 
     logits: Float[Tensor, "*rows K"]
-    mean: Float[Tensor, "*rows K units"]
-    spread: Float[Tensor, "*rows K units"]
+    mean: Float[Tensor, "*rows K mark_dim"]
+    std: Float[Tensor, "*rows K mark_dim"]
 
-    def log_likelihood(self, mark: Float[Tensor, "*rows units"]) -> Float[Tensor, "*rows"]:
+    def log_likelihood(self, mark: Float[Tensor, "*rows mark_dim"]) -> Float[Tensor, "*rows"]:
         """Compute the natural logarithm of the density."""
-        off = (mark[..., None, :] - self.mean) / self.spread
-        each = -0.5 * (off.square() + 2 * self.spread.log() + 1.8378770664).sum(-1)
+        off = (mark[..., None, :] - self.mean) / self.std
+        each = -0.5 * (off.square() + 2 * self.std.log() + 1.8378770664).sum(-1)
         return torch.logsumexp(F.log_softmax(self.logits, -1) + each, dim=-1)
 
 
@@ -85,8 +85,8 @@ class TierHead(nn.Module):
     def __init__(self, tier: EventTier, config: PlannerConfig) -> None:
         super().__init__()
         self.tier, self.mixtures = tier, config.mixtures
-        state_dim = tier.state_dim + (
-            CHAINS_BY_NAME[tier.coupled_tier].state_dim if tier.coupled_tier else 0
+        state_dim = tier.state_feature_dim + (
+            TIERS_BY_NAME[tier.coupled_tier].state_feature_dim if tier.coupled_tier else 0
         )
         hidden = config.head_width
         self.heard = nn.Linear(config.width + SPEAKER_WIDTH, hidden)
@@ -98,25 +98,27 @@ class TierHead(nn.Module):
             self.mark = nn.Sequential(nn.Linear(hidden, hidden), nn.SiLU())
             self.mark_out = nn.Linear(hidden, config.mixtures * (1 + 2 * len(tier.mark_scales)))
 
-    def state(
+    def hidden(
         self,
         speech: Float[Tensor, "*rows speech_width"],
         chain_state: Float[Tensor, "*rows state_dim"],
     ) -> Float[Tensor, "*rows hidden"]:
         return F.silu(self.heard(speech) + self.seen(chain_state))
 
-    def events(self, state: Float[Tensor, "*rows hidden"]) -> Float[Tensor, "*rows events"]:
-        """Compute log probabilities of staying and of each state that may begin."""
-        return F.log_softmax(self.event_out(self.event(state)).float(), dim=-1)
+    def event_log_probs(
+        self, hidden: Float[Tensor, "*rows hidden"]
+    ) -> Float[Tensor, "*rows events"]:
+        """Compute log probabilities of staying (index 0) and of each state that may begin."""
+        return F.log_softmax(self.event_out(self.event(hidden)).float(), dim=-1)
 
     def marks(
-        self, state: Float[Tensor, "*rows hidden"], begun_state: Int[Tensor, "*rows"]
+        self, hidden: Float[Tensor, "*rows hidden"], begun_state: Int[Tensor, "*rows"]
     ) -> MarkMixture:
         """Predict the mark of a state that begins."""
-        logits = self.mark_out(self.mark(state + self.begun(begun_state))).float()
+        logits = self.mark_out(self.mark(hidden + self.begun(begun_state))).float()
         parts = logits.unflatten(-1, (self.mixtures, -1))
-        mean, spread = parts[..., 1:].chunk(2, dim=-1)
-        return MarkMixture(parts[..., 0], mean, F.softplus(spread) + _MIN_SPREAD)
+        mean, raw_std = parts[..., 1:].chunk(2, dim=-1)
+        return MarkMixture(parts[..., 0], mean, F.softplus(raw_std) + _MIN_STD)
 
 
 class PlannerNetwork(nn.Module):
@@ -136,7 +138,7 @@ class PlannerNetwork(nn.Module):
         self.norm = nn.LayerNorm(width)
         self.heads = nn.ModuleDict({tier.name: TierHead(tier, config) for tier in TIERS})
 
-    def speech_states(
+    def encode_speech_and_speaker(
         self,
         speech: Float[Tensor, "B T_ctx input_dim"],
         speaker: Int[Tensor, " B"],
@@ -144,12 +146,15 @@ class PlannerNetwork(nn.Module):
     ) -> Float[Tensor, "B T speech_width"]:
         """Encode normalised features (and codes) around each of T frames, with the speaker.
 
-        ``speech`` has ``config.context`` frames more before and after them.
+        ``speech`` has ``config.context_frames_per_side`` frames more before and after them.
         """
         x = self.frames(speech)
         for convolution in self.around:
             x = x + convolution(F.silu(x).transpose(1, 2)).transpose(1, 2)
-        x = x[:, self.config.context : x.shape[1] - self.config.context]
+        x = x[
+            :,
+            self.config.context_frames_per_side : x.shape[1] - self.config.context_frames_per_side,
+        ]
         x = torch.where(has_speech[:, None, None], self.norm(x), self.no_speech)
         who = self.speaker(speaker)[:, None].expand(-1, x.shape[1], -1)
         return torch.cat([x, who], dim=-1)
@@ -159,24 +164,24 @@ class PlannerNetwork(nn.Module):
         speech: Float[Tensor, "B T_ctx input_dim"],
         speaker: Int[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
-        states: Mapping[str, Float[Tensor, "B T _"]],
+        chain_states: Mapping[str, Float[Tensor, "B T _"]],
         event: Mapping[str, Int[Tensor, "B T"]],
         mark: Mapping[str, Float[Tensor, "B T _"]],
     ) -> dict[str, Float[Tensor, ""]]:
         """Compute mean negative log-likelihoods by tier of events and their marks, per frame.
 
-        They are conditioned on the past of the tier and of its neighbour (``chain_state``).
+        They are conditioned on the past of the tier and of its neighbour (``chain_states``).
         """
-        speech_states = self.speech_states(speech, speaker, has_speech)
+        encoded = self.encode_speech_and_speaker(speech, speaker, has_speech)
         losses = {}
         for name, head in self.heads.items():
             assert isinstance(head, TierHead)
-            state = head.state(speech_states, states[name])
-            logs = head.events(state)
+            hidden = head.hidden(encoded, chain_states[name])
+            logs = head.event_log_probs(hidden)
             losses[name] = -logs.gather(-1, event[name][..., None]).mean()
             if head.tier.mark_scales:
                 begins = event[name] > 0
-                marks = head.marks(state[begins], event[name][begins] - 1)
+                marks = head.marks(hidden[begins], event[name][begins] - 1)
                 log_likelihood = marks.log_likelihood(mark[name][begins])
                 losses[f"{name} mark"] = -log_likelihood.sum() / begins.numel()
         return losses

@@ -16,13 +16,13 @@ from torch import Tensor
 
 from model.generation.base import WindowSpec
 from model.motion.packing import Normaliser
-from model.networks.speech_codes import SpeechCodes, load_speech_codes
+from model.networks.speech_codes import FrozenSpeechEncoder, load_speech_codes
 from model.networks.trained import TrainedWeights
-from model.plan.kinds import KindTable, kind_indices, sample_index
+from model.plan.kinds import KindTable, kind_numbers, sample_index
 from model.plan.plan import GesturePlan
 from model.plan.plan_features import (
-    CHAINS_BY_NAME,
     TIERS,
+    TIERS_BY_NAME,
     EventOnset,
     chain_state_at,
     chains_to_plan,
@@ -53,14 +53,14 @@ class EventChainSampler:
     def __init__(
         self,
         head: TierHead,
-        speech_states: Float[np.ndarray, "copies T hidden"],
+        tier_inputs: Float[np.ndarray, "copies T hidden"],
         strength: float,
         begun: EventOnset,
         rng: np.random.Generator,
     ) -> None:
         self.chain = [begun]
         self._head, self._strength = head, strength
-        self._speech_states, self._first = speech_states, 0
+        self._tier_inputs, self._first = tier_inputs, 0
         self._events = _Events(head)
         self._excess = 0.0
         """Number of events expected so far, less that expected as trained."""
@@ -69,18 +69,15 @@ class EventChainSampler:
         """Event that begins next, whatever is drawn until then."""
         self._chances = _RandomStream(rng, len(head.tier.mark_scales))
 
-    def set_speech_states(
-        self, speech_states: Float[np.ndarray, "copies T hidden"], first: int
+    def set_tier_inputs(
+        self, tier_inputs: Float[np.ndarray, "copies T hidden"], first: int
     ) -> None:
         """Set the features of frames from ``first`` on."""
-        self._speech_states, self._first = speech_states, first
+        self._tier_inputs, self._first = tier_inputs, first
         self._chances.forget_before(first)
 
     def draw(
-        self,
-        frame: int,
-        others: "Mapping[str, EventChainSampler]",
-        bias: EventBias | None = None,
+        self, frame: int, others: "Mapping[str, EventChainSampler]", bias: EventBias | None = None
     ) -> None:
         """Draw whether something begins at this frame, or the state stays."""
         head = self._head
@@ -88,9 +85,9 @@ class EventChainSampler:
         states = [chain_state_at(head.tier, now, frame)]
         if head.tier.coupled_tier:
             other = others[head.tier.coupled_tier].chain[-1]
-            states.append(chain_state_at(CHAINS_BY_NAME[head.tier.coupled_tier], other, frame))
-        speech_states = self._speech_states[:, frame - self._first]
-        state, logs = self._events(speech_states, np.concatenate(states))
+            states.append(chain_state_at(TIERS_BY_NAME[head.tier.coupled_tier], other, frame))
+        tier_inputs = self._tier_inputs[:, frame - self._first]
+        state, logs = self._events(tier_inputs, np.concatenate(states))
         log = logs[-1] + self._strength * (logs[0] - logs[-1])
         log[1:] -= RATE_CORRECTION * self._excess
         shares = _shares(log)
@@ -112,8 +109,8 @@ class EventChainSampler:
         if head.tier.mark_scales:
             marks = head.marks(torch.from_numpy(state[:1]), torch.tensor([event - 1]))
             k = sample_index(torch.softmax(marks.logits[0], 0).numpy(), which)
-            mean, spread = marks.mean[0, k].numpy(), marks.spread[0, k].numpy()
-            mark = tuple((mean + spread * normal).tolist())
+            mean, std = marks.mean[0, k].numpy(), marks.std[0, k].numpy()
+            mark = tuple((mean + std * normal).tolist())
         self.chain.append(EventOnset(frame, event - 1, mark))
 
     def onset_before(self, frame: int) -> EventOnset:
@@ -121,20 +118,23 @@ class EventChainSampler:
         return next(begun for begun in reversed(self.chain) if begun.frame < frame)
 
     def save_position(self) -> None:
-        """Mark this frame, so that the draw from here on can be repeated."""
+        """Save the rate correction at this frame, the only one to which `rewind` can go back."""
         self._excess_then = self._excess
 
-    def rewind(self, frame: int, keeps_state: bool) -> None:
-        """Go back to `save_position`; with ``keeps_state`` the present state lasts as drawn."""
+    def rewind(self, frame: int, keeps_next_event: bool) -> None:
+        """Go back to the frame of `save_position`, and keep the event drawn next if asked to.
+
+        With ``keeps_next_event`` the present state lasts as drawn.
+        """
         chain = [begun for begun in self.chain if begun.frame < frame]
         later = self.chain[len(chain) :]
         self.chain, self._excess = chain, self._excess_then
-        self._forced = later[0] if later and keeps_state else None
+        self._forced = later[0] if later and keeps_next_event else None
 
-    def forget_before(self, frame: int, keep: int) -> None:
-        """Remove earlier events but the last few."""
+    def forget_before(self, frame: int, num_context_events: int) -> None:
+        """Remove events before a frame, but the last ``num_context_events`` of them."""
         old = sum(begun.frame < frame for begun in self.chain)
-        del self.chain[: max(0, old - keep)]
+        del self.chain[: max(0, old - num_context_events)]
 
 
 class _RandomStream:
@@ -164,7 +164,7 @@ def _shares(log: Float[np.ndarray, " events"]) -> Float[np.ndarray, " events"]:
 
 
 class _Events:
-    """`TierHead.state` and `TierHead.events` of a frame in numpy, 5 times as fast as torch."""
+    """`TierHead.hidden` and `event_log_probs` of a frame in numpy, 5 times as fast as torch."""
 
     def __init__(self, head: TierHead) -> None:
         first, last = head.event[0], head.event_out
@@ -174,10 +174,10 @@ class _Events:
 
     def __call__(
         self,
-        speech_states: Float32[np.ndarray, "copies hidden"],
+        tier_inputs: Float32[np.ndarray, "copies hidden"],
         states: Float32[np.ndarray, " state_dim"],
     ) -> tuple[Float32[np.ndarray, "copies hidden"], Float32[np.ndarray, "copies events"]]:
-        state = _silu(speech_states + states @ self._state_weight)
+        state = _silu(tier_inputs + states @ self._state_weight)
         (weight, bias), (out, out_bias) = self._layers
         logits = _silu(state @ weight + bias) @ out + out_bias
         above = logits - logits.max(-1, keepdims=True)
@@ -201,7 +201,7 @@ class Planner:
     network: PlannerNetwork
     normaliser: Normaliser
     """Statistics of speech features."""
-    codes: SpeechCodes | None
+    codes: FrozenSpeechEncoder | None
     """Encoder of codes, an input besides the features; None without one."""
     first_goals: Float[Tensor, "speakers 2 3"]
     """Initial goals of the hands, in the tiers' units."""
@@ -227,21 +227,21 @@ class Planner:
             for drawer in drawers.values():
                 drawer.draw(frame, drawers)
         chains = {name: drawer.chain for name, drawer in drawers.items()}
-        rng = np.random.default_rng([*spec.noise_key, KINDS])
+        rng = np.random.default_rng([*spec.clip_noise_key, KINDS])
         plan = self.kinds.sample_kinds(
-            chains_to_plan(chains, num_frames), spec.speaker, spec.words, rng
+            chains_to_plan(chains, num_frames), spec.speaker_index, spec.words, rng
         )
-        chances = np.random.default_rng([*spec.noise_key, _CALLED])
+        chances = np.random.default_rng([*spec.clip_noise_key, _CALLED])
         return self.kinds.add_word_strokes(plan, spec.words, chances)
 
     def make_samplers(
         self, features: Float[Tensor, "T speech_dim"], spec: WindowSpec
     ) -> dict[str, EventChainSampler]:
         """Make the samplers of all tiers for some speech, each in its initial state."""
-        context = self.config.context
+        context = self.config.context_frames_per_side
         rows = torch.arange(-context, len(features) + context).clamp(0, len(features) - 1)
-        speech_states = self.speech_states(features[rows], spec)
-        goals = self.first_goals[spec.speaker].tolist()
+        tier_inputs = self.tier_inputs(features[rows], spec)
+        goals = self.first_goals[spec.speaker_index].tolist()
         begins = {
             "left": EventOnset(0, 0, tuple(goals[0])),
             "right": EventOnset(0, 0, tuple(goals[1])),
@@ -251,21 +251,21 @@ class Planner:
         for number, tier in enumerate(TIERS):
             head = self.network.heads[tier.name]
             assert isinstance(head, TierHead)
-            rng = np.random.default_rng([*spec.noise_key, number])
+            rng = np.random.default_rng([*spec.clip_noise_key, number])
             begun = begins.get(tier.name, EventOnset(0, 0, (0.0,) * len(tier.mark_scales)))
             drawers[tier.name] = EventChainSampler(
-                head, speech_states[tier.name], spec.guidance, begun, rng
+                head, tier_inputs[tier.name], spec.guidance, begun, rng
             )
         return drawers
 
-    def speech_states(
+    def tier_inputs(
         self, features: Float[Tensor, "T_and_context speech_dim"], spec: WindowSpec
     ) -> dict[str, Float[np.ndarray, "copies T hidden"]]:
         """Compute each tier's input from features with context; a second copy has no speech."""
         copies = 1 if spec.guidance == 1 else 2
-        states = self.network.speech_states(
+        states = self.network.encode_speech_and_speaker(
             planner_inputs(features, self.normaliser, self.codes).expand(copies, -1, -1),
-            torch.tensor([spec.speaker, 0])[:copies],
+            torch.tensor([spec.speaker_index, 0])[:copies],
             torch.tensor([True, False])[:copies],
         )
         streams = {}
@@ -275,18 +275,20 @@ class Planner:
             streams[tier.name] = head.heard(states).numpy()
         return streams
 
-    def conditioning(
+    def motion_network_inputs(
         self, features: Float[Tensor, "n speech_dim"], plan: GesturePlan, first: int
     ) -> Float[Tensor, "n input_dim"]:
-        """Concatenate features with a plan's frames from ``first`` on, for the motion network."""
+        """Concatenate features with a plan's tracks and gesture types from frame ``first`` on."""
         stop = first + len(features)
         tracks = torch.from_numpy(plan_tracks(plan, stop)[first:])
-        kinds = torch.from_numpy(kind_indices(plan, stop, self.kinds)[first:]).float()
+        kinds = torch.from_numpy(kind_numbers(plan, stop, self.kinds)[first:]).float()
         return torch.cat([features, tracks, kinds], dim=1)
 
 
 def planner_inputs(
-    features: Float[Tensor, "*B T speech_dim"], normaliser: Normaliser, codes: SpeechCodes | None
+    features: Float[Tensor, "*B T speech_dim"],
+    normaliser: Normaliser,
+    codes: FrozenSpeechEncoder | None,
 ) -> Float[Tensor, "*B T input_dim"]:
     """Concatenate normalised features and the codes of an encoder."""
     normalised = normaliser.normalise(features)

@@ -13,7 +13,7 @@ from conventions.joints import JOINT_INDEX
 from model.generation.base import WindowSpec
 from model.networks.trained import TrainedWeights
 from model.plan.plan import GesturePlan
-from model.plan.plan_features import FACE_TRACKS, NUM_TRACKS, rest_share
+from model.plan.plan_features import FACE_TRACKS, NUM_TRACKS, both_hands_rest_weight
 from model.sampling.flow import ClassifierFreeGuidance
 from model.storage.cards import CheckpointError
 from model.systems.face.face import face_first_fields
@@ -53,7 +53,7 @@ class PlannedSystem(GlobalDiffSystem):
     condition_type = GesturePlan
     planner: Planner
 
-    def sample_condition(
+    def draw_condition(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, spec: WindowSpec
     ) -> GesturePlan:
         features = torch.from_numpy(self.encoder.encode(waveform, num_frames))
@@ -74,7 +74,7 @@ class PlannedSystem(GlobalDiffSystem):
     ) -> Float[Tensor, "T input_dim"]:
         """Encode speech (`System.conditioning`): features, the plan's tracks and gesture types."""
         assert spec.condition is not None
-        return self.planner.conditioning(
+        return self.planner.motion_network_inputs(
             super().conditioning(waveform, num_frames, spec), spec.condition, 0
         )
 
@@ -82,9 +82,9 @@ class PlannedSystem(GlobalDiffSystem):
         assert spec.condition is not None
         noise = super().noise(spec)
         whole = spec.index * self.windowing.advance
-        first = whole if spec.first_frame is None else spec.first_frame
+        first = whole if spec.first_condition_frame is None else spec.first_condition_frame
         rest = torch.from_numpy(
-            rest_share(spec.condition, range(first, first + noise.shape[1]))
+            both_hands_rest_weight(spec.condition, range(first, first + noise.shape[1]))
         ).float()
         share = (NOISE_SHARE + (REST_NOISE_SHARE - NOISE_SHARE) * rest)[:, None]
         return share * noise + (TRUNK_NOISE_SHARE - share) * self._trunk_noise(noise)
@@ -96,18 +96,18 @@ class PlannedSystem(GlobalDiffSystem):
         channels = [3 * JOINT_INDEX[name] + k for name in TRUNK for k in range(3)]
         return noise @ unmix[:, channels] @ mix[channels]
 
-    def guide(self, spec: WindowSpec) -> ClassifierFreeGuidance:
+    def make_guidance(self, spec: WindowSpec) -> ClassifierFreeGuidance:
         """Return the motion's guidance, which is constant: the requested scale is the plan's."""
         space = self.config.rotation_space
         return ClassifierFreeGuidance(
             MOTION_GUIDANCE, self.normaliser, space, head_scale=HEAD_GUIDANCE
         )
 
-    def conditioning_inputs(
-        self, speech: Float[Tensor, "T_ctx dim"], has_speech: Bool[Tensor, " copies"]
+    def split_conditioning(
+        self, conditioning: Float[Tensor, "T_ctx dim"], has_speech: Bool[Tensor, " copies"]
     ) -> dict[str, Tensor]:
-        """Return the inputs of `GlobalDiffSystem.conditioning_inputs`, with or without a plan."""
-        features, tracks, kinds = speech.split([self.encoder.dim, NUM_TRACKS, 2], dim=1)
+        """Split `conditioning` into speech features, plan tracks and gesture types."""
+        features, tracks, kinds = conditioning.split([self.encoder.dim, NUM_TRACKS, 2], dim=1)
         copies = len(has_speech)
         return {
             "speech": features.expand(copies, -1, -1),
@@ -123,8 +123,10 @@ class PlannedSystem(GlobalDiffSystem):
         """Return each copy's speaker, hidden with the speech, so that guidance amplifies style."""
         return super().speaker_inputs(spec, has_speech) * has_speech
 
-    def face_plan(self, speech: Float[Tensor, "T_ctx dim"]) -> Float[Tensor, "T_ctx tracks"]:
-        return speech[:, self.encoder.dim :][:, FACE_TRACKS].contiguous()
+    def face_tracks(
+        self, conditioning: Float[Tensor, "T_ctx dim"]
+    ) -> Float[Tensor, "T_ctx tracks"]:
+        return conditioning[:, self.encoder.dim :][:, FACE_TRACKS].contiguous()
 
 
 def load(name: str, folder: Path) -> PlannedSystem:
@@ -139,8 +141,8 @@ def load(name: str, folder: Path) -> PlannedSystem:
     fields["sha256s"] |= planner.sha256s
     return PlannedSystem(
         **fields,
-        frame="parent",
-        root_motion=config.root,
+        rotation_frame="local",
+        root_format=config.root,
         network=trained.load_into(PlannedNetwork(config, trained.prior(config.seed_frames))),
         drift_correction_s=DRIFT_CORRECTION_S,
         planner=planner,

@@ -9,16 +9,16 @@ from model.data.prepared import Batch, PreparedData
 from model.networks.speech_codes import load_speech_codes
 from model.sampling.prior import GaussianPrior
 from model.systems.globaldiff.task import MotionTask
-from model.systems.planned.config import PlannedConfig, PlannerConfig, PlannerTrainConfig
+from model.systems.planned.config import PlannedMotionTrainConfig, PlannerConfig, PlannerTrainConfig
 from model.systems.planned.network import PlannedNetwork, PlannerNetwork
 from model.systems.planned.planner import planner_inputs
 from model.training.parallel import ShardedRandom
-from model.training.targets import augmented_speech, fit_features
+from model.training.targets import augmented_speech, fit_speech_normaliser
 from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 
 def make_task(
-    config: PlannerTrainConfig | PlannedConfig, data: PreparedData, setup: TaskSetup
+    config: PlannerTrainConfig | PlannedMotionTrainConfig, data: PreparedData, setup: TaskSetup
 ) -> SingleNetworkTask:
     if isinstance(config, PlannerTrainConfig):
         return PlannerTask(config, data, setup)
@@ -32,27 +32,29 @@ class PlannerTask(SingleNetworkTask):
 
     def __init__(self, config: PlannerTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.planner
-        weights = setup.begin(config, data, shape.num_speakers)
+        weights = setup.seed_and_read_initial_weights(config, data, shape.num_speakers)
         self.plans = load_plan_annotations(data, shape.num_speakers)
         network = PlannerNetwork(shape)
         device = setup.shard.device
         self.codes = load_speech_codes(setup.helper_weights, device) if shape.codes else None
         super().__init__(
-            setup, config, weights, network, weights.normaliser if weights else fit_features(data),
-            shape.window_frames, shape.context,
-            {**self.plans.table.to_tensors(), "begins.goals": first_goals(data, self.plans, shape)},
+            setup, config, weights, network,
+            weights.normaliser if weights else fit_speech_normaliser(data),
+            shape.window_frames, shape.context_frames_per_side,
+            self.plans.kind_table.to_tensors()
+            | {"begins.goals": first_goals(data, self.plans, shape)},
         )  # fmt: skip
 
     def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shard = self.config, draws.shard
         with torch.no_grad():
-            events = self.plans.events(batch.rows(shard.rows)).to(shard.device)
+            events = self.plans.events(batch.part(shard.rows)).to(shard.device)
             has_speech = draws.keep_mask(config.speech_dropout)
             knows = draws.keep_mask(config.speaker_dropout)
             knows &= has_speech | draws.keep_mask(config.speakerless)
-            features = shard.of(augmented_speech(config, network, batch, draws.generator))
+            features = shard.local_rows(augmented_speech(config, network, batch, draws.generator))
             speech = planner_inputs(features, self.normaliser, self.codes)
-            speaker = shard.of(batch.speaker) * knows
+            speaker = shard.local_rows(batch.speaker) * knows
         with shard.autocast():
             inputs = events.chain_states, events.event, events.mark
             return StepLoss(network(speech, speaker, has_speech, *inputs))
@@ -77,19 +79,21 @@ def first_goals(
 class PlannedTask(MotionTask):
     """Training of GlobalDiff's network with plans as a further input."""
 
-    config: PlannedConfig
+    config: PlannedMotionTrainConfig
 
-    def __init__(self, config: PlannedConfig, data: PreparedData, setup: TaskSetup) -> None:
+    def __init__(
+        self, config: PlannedMotionTrainConfig, data: PreparedData, setup: TaskSetup
+    ) -> None:
         self.plans = load_plan_annotations(data, config.network.num_speakers)
         super().__init__(config, data, setup)
-        self.statistics = {"kinds.names": self.plans.table.to_tensors()["kinds.names"]}
+        self.statistics = {"kinds.names": self.plans.kind_table.to_tensors()["kinds.names"]}
 
-    def make_network(self, config: PlannedConfig, prior: GaussianPrior) -> nn.Module:
+    def make_network(self, config: PlannedMotionTrainConfig, prior: GaussianPrior) -> nn.Module:
         return PlannedNetwork(config.network, prior)
 
     def extra_inputs(self, batch: Batch, draws: ShardedRandom) -> dict[str, Tensor]:
         parts = self.plans.tracks_and_kinds(batch, self.config.network.speech_context)
-        tracks, kinds = (draws.shard.of(part) for part in parts)
+        tracks, kinds = (draws.shard.local_rows(part) for part in parts)
         return {
             "tracks": tracks,
             "kinds": kinds,

@@ -37,8 +37,8 @@ _FILTERED: dict[PostFilter, str] = {
 }
 _TIP_SOURCES = {
     "rigid": "The fingertip is fixed to the last finger joint of the open skeleton.",
-    "joint": "The joint is that of the open skeleton.",
-    "joint of the body": "The joint is that of the licensed body.",
+    "joint": "The tracked joint is taken from the open body's skeleton.",
+    "joint of the body": "The tracked joint is taken from the licensed SMPL-X body.",
 }
 
 
@@ -65,9 +65,9 @@ class JointMarks:
     @property
     def caption(self) -> str:
         return (
-            "Marks on the snapshots show the jerk of each joint around the frame: they are largest"
-            f" and darkest from {self.full_scale:g} m/s³ up, and joints below"
-            f" {MIN_MARK_STRENGTH * self.full_scale:g} m/s³ have none."
+            "Marks on the snapshots show each joint's jerk at about that time. They are largest and"
+            f" darkest from {self.full_scale:g} m/s³; joints below"
+            f" {MIN_MARK_STRENGTH * self.full_scale:g} m/s³ have no mark."
         )
 
 
@@ -79,11 +79,7 @@ def choose_snapshot_frames(num_frames: int, start_frame: int = 0) -> tuple[int, 
 
 @dataclass(frozen=True)
 class Figure6:
-    """Contents of one Figure 6; positions and pictures are inputs, nothing here computes them.
-
-    Raises:
-        FigureError: with one sentence that names the limit and the value.
-    """
+    """Contents of one Figure 6, computed by others; raises FigureError beyond a limit."""
 
     trajectories: Mapping[str, np.ndarray]
     """Positions (T, 3) of the tracked point in metres, y up, from the clip's first frame, by
@@ -112,7 +108,7 @@ class Figure6:
     def __post_init__(self) -> None:
         if self.reference is not None and self.reference not in self.trajectories:
             raise FigureError(
-                f"The reference {self.reference!r} has no trajectory; motions with one are"
+                f"The reference {self.reference!r} is not among the trajectories:"
                 f" {', '.join(map(repr, self.trajectories))}."
             )
         count = len(self.trajectories) - (self.reference is not None)
@@ -123,7 +119,7 @@ class Figure6:
         for name, positions in self.trajectories.items():
             if len(positions) <= self.start_frame:
                 raise FigureError(
-                    f"The window starts at frame {self.start_frame}, but {name!r} has only"
+                    f"Figure 6 starts at frame {self.start_frame}, but {name!r} has only"
                     f" {len(positions)} frames; choose an earlier start."
                 )
             if not np.isfinite(self.window_trajectories[name]).all():
@@ -144,8 +140,8 @@ class Figure6:
         if not self.panels:
             raise FigureError(
                 f"None of the requested panels ({', '.join(self.requested_panels)}) can be drawn:"
-                f" panel b needs snapshots, and panel d (tremor) needs {MIN_FRAMES} frames; the"
-                f" motion has {self.num_frames}."
+                f" panel b needs snapshots, and panel d (tremor) needs at least {MIN_FRAMES}"
+                f" frames; the motion has {self.window_num_frames}."
             )
 
     @cached_property
@@ -154,7 +150,8 @@ class Figure6:
         return tuple(sorted(self.trajectories, key=lambda name: name != self.reference))
 
     @cached_property
-    def num_frames(self) -> int:
+    def window_num_frames(self) -> int:
+        """Number of frames inside the window of the shortest motion."""
         return min(self._lengths)
 
     @cached_property
@@ -165,7 +162,7 @@ class Figure6:
 
     @cached_property
     def _window(self) -> slice:
-        return slice(self.start_frame, self.start_frame + self.num_frames)
+        return slice(self.start_frame, self.start_frame + self.window_num_frames)
 
     @cached_property
     def window_trajectories(self) -> dict[str, np.ndarray]:
@@ -175,8 +172,8 @@ class Figure6:
         }
 
     @cached_property
-    def tremor(self) -> dict[str, np.ndarray]:
-        """Positions (T, 3) above 5 Hz in millimetres, by motion."""
+    def tremor_mm(self) -> dict[str, np.ndarray]:
+        """Positions (T, 3) above 5 Hz inside the window, by motion."""
         filtered = {
             name: high_pass_mm(self.trajectories[name], self.fps) for name in self.motion_names
         }
@@ -185,13 +182,13 @@ class Figure6:
     @cached_property
     def tremor_scale_mm(self) -> float:
         """End of the scale of tremor (mm); values beyond it are cut."""
-        sizes = np.abs(np.concatenate(list(self.tremor.values())))
+        sizes = np.abs(np.concatenate(list(self.tremor_mm.values())))
         return max(float(np.percentile(sizes, TREMOR_PERCENTILE)), MIN_TREMOR_MM)
 
     @cached_property
     def panels(self) -> tuple[str, ...]:
         """Requested panels that have data, in the order of `PANELS`."""
-        has = {"b": bool(self.snapshots), "d": self.num_frames >= MIN_FRAMES}
+        has = {"b": bool(self.snapshots), "d": self.window_num_frames >= MIN_FRAMES}
         return tuple(
             letter for letter in PANELS if letter in self.requested_panels and has.get(letter, True)
         )
@@ -199,7 +196,7 @@ class Figure6:
     @property
     def times(self) -> np.ndarray:
         """Times of the window's frames (s)."""
-        return (self.start_frame + np.arange(self.num_frames)) / self.fps
+        return (self.start_frame + np.arange(self.window_num_frames)) / self.fps
 
     @cached_property
     def styles(self) -> dict[str, SeriesStyle]:
@@ -216,12 +213,12 @@ class Figure6:
         if "b" not in self.panels:
             return ()
         inside = (frame - self.start_frame for frame in self.snapshot_frames)
-        return tuple(frame for frame in inside if 0 <= frame < self.num_frames)
+        return tuple(frame for frame in inside if 0 <= frame < self.window_num_frames)
 
     @property
     def marker_frames(self) -> list[int]:
         """Frames of the curves' markers: those of the snapshots, or else six evenly spaced."""
-        evenly = np.linspace(0, self.num_frames, 6, endpoint=False).astype(int)
+        evenly = np.linspace(0, self.window_num_frames, 6, endpoint=False).astype(int)
         return list(self.window_snapshot_frames) or sorted({int(frame) for frame in evenly})
 
     @property
@@ -249,7 +246,7 @@ class Figure6:
 
     @property
     def _tremor_caption(self) -> str:
-        peaks = {name: np.abs(values).max() for name, values in self.tremor.items()}
+        peaks = {name: np.abs(values).max() for name, values in self.tremor_mm.items()}
         highest = max(peaks, key=lambda name: peaks[name])
         cut = (
             f" The scale ends at the {TREMOR_PERCENTILE:g}th percentile; triangles mark peaks above"
@@ -257,6 +254,7 @@ class Figure6:
         )
         is_cut = peaks[highest] > self.tremor_scale_mm
         return (
-            f"Tremor is the position above {CUT_OFF_HZ:g} Hz (high-pass filter); x is darkest and z"
-            f" lightest, and all motions have the same scale.{cut if is_cut else ''}"
+            f"Tremor is the component of the position above {CUT_OFF_HZ:g} Hz (high-pass filter);"
+            " x is darkest and z lightest, and all motions have the same scale."
+            f"{cut if is_cut else ''}"
         )

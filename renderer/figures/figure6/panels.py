@@ -173,7 +173,7 @@ def draw_tremor(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
         axes.spines["left"].set_visible(False)
         axes.grid(True, axis="y")
         shades = style.shades(contents.styles[name].color)
-        for values, lift, ink in zip(contents.tremor[name].T, lifts, shades, strict=True):
+        for values, lift, ink in zip(contents.tremor_mm[name].T, lifts, shades, strict=True):
             axes.plot(times, np.clip(values, -scale, scale) + lift, color=ink, linewidth=0.6)
             for sign, marker in ((1, "^"), (-1, "v")):
                 peaks = _peaks(sign * values, scale)
@@ -181,7 +181,7 @@ def draw_tremor(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
                 axes.scatter(
                     times[peaks], y, 4.0, color=ink, marker=marker, linewidth=0.0, zorder=3
                 )
-        rms = float(np.sqrt(np.square(contents.tremor[name]).sum(axis=1).mean()))
+        rms = float(np.sqrt(np.square(contents.tremor_mm[name]).sum(axis=1).mean()))
         lines = style.wrap_text(name, SMALL_PT, 0.2 * contents.width_mm)
         more = "\N{HORIZONTAL ELLIPSIS}" if len(lines) > 2 else ""
         label = "\n".join(lines[:2]) + f"{more}\n{rms:.1f} mm rms"

@@ -145,7 +145,7 @@ def test_generate_does_as_its_flags_say_tells_what_it_did_and_lists_its_files(
     assert provenance["options"]["transcript"] == "speech.TextGrid"
     assert provenance["speech"]["words"] == {"origin": "given", "count": 1}
     argv = generate(eight_channels, tmp_path / "no", weights, "--max-minutes", "0.03")
-    assert "longer than 1.8 seconds" in sentence_after(argv, capsys)
+    assert "longer than the limit of 1.8 seconds" in sentence_after(argv, capsys)
 
 
 def test_bad_files_give_the_sentence_of_their_reader_and_nothing_else(
@@ -301,15 +301,15 @@ def test_render_says_what_it_cannot_do(motion, capsys):
         ("a.png --stills 0", "1 to 64; got 0"),
         ("a.png --stills 65", "1 to 64; got 65"),
         ("a.png --contact-sheet-every 0", "got 0"),
-        ("a.glb --stills 2", "A .glb file cannot store pictures"),
-        ("a.bvh --contact-sheet-every 2", "A .bvh file cannot store pictures"),
+        ("a.glb --stills 2", "cannot be used with a .glb file"),
+        ("a.bvh --contact-sheet-every 2", "cannot be used with a .bvh file"),
         ("a.glb --exaggerate 5", "stores the unchanged motion"),
         ("a.mp4 --background transparent", "A .mp4 file cannot have"),
         ("a.png --background transparent --trail", "not possible with a transparent background"),
         ("a.png --background transparent --close-up face", "Close-ups are not possible with a"),
         ("a.mp4 --speech /nowhere.wav", "no speech file at /nowhere.wav"),
-        ("a.mp4 --frame 3 --plan a.json", "A .mp4 file contains all frames; remove --frame."),
-        ("a.glb --views side", "A .glb file contains only the body; remove --views."),
+        ("a.mp4 --frame 3 --plan a.json", "files contain a single frame; remove --frame."),
+        ("a.glb --views side", "no sound, camera or tracked point; remove --views."),
         ("a.mp4 --body /nowhere.npz", "nowhere.npz"),
     ]:
         assert words in sentence_after(["render", str(motion), "--out", *flags.split()], capsys)

@@ -56,7 +56,7 @@ def test_a_bad_file_of_a_zip_costs_itself_only(z_up, tmp_path, capsys):
     printed = capsys.readouterr()
     told = {Path(each["file"]).name: each for each in json.loads(printed.out)}
     assert "line 1" in told["two.bvh"]["error"] and told["one.npz"]["frames"] == 20
-    assert "1 of 3 files could not be read" in printed.err
+    assert "1 of 3 files were not converted" in printed.err
     made = sorted(str(path.relative_to(out)) for path in out.rglob("*") if path.is_file())
     assert len(made) == 2 and made[1] == "theirs.npz" and made[0].endswith("one.npz")
 
@@ -81,8 +81,8 @@ def test_a_zip_with_a_file_for_each_parameter_is_one_motion(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("files", "out", "said"),
     [
-        (["theirs.npz", "theirs.npz"], "a.npz", "--out is one file for 2 motions"),
-        (["none.npz"], "out", "There is no"),
+        (["theirs.npz", "theirs.npz"], "a.npz", "the inputs contain 2 motions"),
+        (["none.npz"], "out", "does not exist"),
         (["theirs.npz"], "theirs.npz", "would overwrite an input file"),
     ],
 )

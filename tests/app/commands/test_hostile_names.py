@@ -11,7 +11,7 @@ import pytest
 
 from app.commands.cli import main
 from app.study.design.key import read_key
-from app.study.design.plan import read_plan
+from app.study.design.plan import read_study_plan
 from app.study.export import export_study
 from model.motion.motion import save_motion
 from tests.app.study.made_study import draw_noise, write_inputs
@@ -143,7 +143,7 @@ def test_a_study_of_systems_with_hostile_names_goes_from_plan_to_report(tmp_path
         lines += [f"motion = {{{table}}}"]
     plan, study = tmp_path / "plan.toml", tmp_path / "study"
     plan.write_text("\n".join(lines))
-    export_study(read_plan(plan), study, draw=draw_noise)
+    export_study(read_study_plan(plan), study, draw=draw_noise)
     key = study / "researcher_only" / "key.json"
     assert read_key(key).systems == names
     run(["study", "simulate", str(study), "--raters", "6", "--out", str(tmp_path / "answers"),

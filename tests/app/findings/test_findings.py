@@ -15,10 +15,10 @@ from app.findings.comparison import (
     KIND_TITLES,
     Ratio,
     format_finding_kinds,
-    format_number,
+    format_two_digits,
     point_title,
     ratio_of_means,
-    samples_by_system,
+    sample_names_by_system,
     values_by_metric,
 )
 from app.findings.metric_table import (
@@ -27,8 +27,8 @@ from app.findings.metric_table import (
     METRICS,
     SPEED,
     TITLES,
-    incomparable_parts,
     metric_values,
+    parts_others_have,
 )
 from app.findings.sentences import figure_sentences
 from app.findings.verdict import make_verdict
@@ -40,7 +40,7 @@ from conventions.names import SampleName, short_names
 from model.diagnostics import RawAndFiltered
 from model.faults.analysis import Finding
 from model.faults.table import FAULTS, STILL
-from model.metrics.results import BeatMeasures
+from model.metrics.results import BeatMetrics
 from model.metrics.seams import JerkPeriod
 from model.metrics.tracked_point import JerkAttribution
 from model.motion.motion import load_motion, save_motion
@@ -73,24 +73,24 @@ def test_numbers_stand_beside_each_other_as_generated_and_smoothed() -> None:
         "Right middle fingertip jerk in m/s³: a 95, b 109; reference 124."
         " After Savitzky-Golay smoothing: a 50, b 55; reference 60."
     )
-    power = told("spectrum", a={"tip_velocity_power_above_5hz": 0.012})
+    power = told("spectrum", a={"tip_velocity_power_share_above_5hz": 0.012})
     assert power.startswith("Right middle fingertip power above 5 Hz in %: a 1.2. After")
     jerk = {"jerk_by_depth_m_s3": by_depth(10.0, 300.0)}
     assert told("depth", a=jerk, b={"jerk_by_depth_m_s3": by_depth(8.0, 20.0)}) == (
-        "Jerk of the joints in m/s³, from the pelvis to the last finger joints: a 10 to 300,"
-        " b 8.0 to 20."
+        "Mean joint jerk in m/s³, at the pelvis and at the outermost finger joints: a 10 and 300,"
+        " b 8.0 and 20."
     )
 
 
 def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
-    start = "Filtering one joint reduces the jerk of the right middle fingertip most for: in"
+    start = "Joint whose smoothing reduces the jerk of the right middle fingertip most:"
     few = (
-        "Filtering any one joint reduces the jerk of the right middle fingertip by less than 5 % "
-        "in a."
+        "In a, smoothing a single joint never reduces the jerk of the right middle fingertip by 5 "
+        "% or more."
     )
     for of_joints, words in (
-        ((0.1, 0.45), f"{start} a the right elbow (by 45 %)."),
-        ((0.2, 0.1), f"{start} a the pelvis (by 20 %)."),
+        ((0.1, 0.45), f"{start} right elbow in a (by 45 %)."),
+        ((0.2, 0.1), f"{start} pelvis in a (by 20 %)."),
         ((0.03, -0.2), few),
         ((math.nan, math.nan), ""),
     ):
@@ -98,8 +98,8 @@ def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
         assert told("attribution", a=a) == words
         if words == few:
             words = (
-                f"{start} b the right elbow (by 30 %); in a, filtering any one joint reduces it by "
-                "less than 5 %."
+                f"{start} right elbow in b (by 30 %); in a, no single joint reduces it by 5 % or "
+                "more."
             )
             assert told("attribution", a=a, b=b) == words
 
@@ -109,13 +109,13 @@ def test_joins_stand_out_where_a_finding_says_so_and_nowhere_else() -> None:
     systems = {"x/planned": both(seam_jerk_ratio=2.1), "b": both(seam_jerk_ratio=1.02)}
     seams = Finding("The body jumps every 52 frames.", {}, kind="seams")
     for found, words in (
-        ([], "at every seam: in no motion."),
-        ([seams], "at every seam: in planned."),
+        ([], "is significant in no motion."),
+        ([seams], "is significant in planned."),
     ):
         findings = {"x/planned": found, "b": []}
         measured = replace(diagnostics_of(**systems), findings=findings)
         said = figure_sentences(measured)["seams"]
-        assert "planned 2.1, b 1.0. Jerk that repeats significantly at" in said
+        assert "planned 2.1, b 1.0. Jerk that repeats at the seams" in said
         assert said.endswith(words)
         out = finding_records(findings)[-1].sentence
         assert ("planned" in out) == (not found)
@@ -128,7 +128,7 @@ def test_a_period_is_told_where_a_finding_tells_it() -> None:
     lacking = replace(measured, missing_parts={"a": ["detail"]})
     assert figure_sentences(lacking)["seams"] == ""  # it could not be looked for
     found = replace(measured, findings={"a": [Finding("It repeats.", {}, kind="period")]})
-    assert "in a every 52 frames, most in the left arm" in figure_sentences(found)["seams"]
+    assert "every 52 frames in a, strongest in the left arm" in figure_sentences(found)["seams"]
 
 
 def test_numbers_that_a_note_says_not_to_compare_make_no_sentence_and_no_verdict() -> None:
@@ -143,14 +143,14 @@ def test_numbers_that_a_note_says_not_to_compare_make_no_sentence_and_no_verdict
     ):
         measured = replace(diagnostics_of(**numbers), missing_parts=missing_parts)
         assert ("b 14" in figure_sentences(measured)["trajectory"]) == (not is_left_out)
-        apart = incomparable_parts(measured.missing_parts)
+        apart = parts_others_have(measured.missing_parts)
         clip: Any = {
             name: {"raw": metric_values(each.raw, incomparable=apart[name])}
             for name, each in measured.systems.items()
         }
         verdict = make_verdict("right_middle", [clip], is_generated=False)
         assert verdict is not None
-        assert ("b 14" in verdict.numbers) == (not is_left_out)
+        assert ("b 14" in verdict.jerk_sentence) == (not is_left_out)
         told = (
             "Jerk of c (lowest) compared with a (highest): 33 % less. The jerk cannot be compared "
             "for b."
@@ -186,7 +186,7 @@ def test_samples_are_compared_in_pairs_with_the_same_noise() -> None:
     above, below = ({n: factor * 10.0**n for n in range(1, 6)} for factor in (2.0, 1.0))
     ratio = ratio_of_means(above, below)
     assert ratio is not None
-    assert (ratio.num_samples, ratio.includes_one) == (5, False)
+    assert (ratio.num_pairs, ratio.interval_includes_one) == (5, False)
     assert ratio.low == pytest.approx(2.0) and ratio.high == pytest.approx(2.0)
 
     assert ratio_of_means({1: 4.0}, {1: 2.0, 2: 2.0}) == Ratio(2.0)
@@ -194,7 +194,7 @@ def test_samples_are_compared_in_pairs_with_the_same_noise() -> None:
 
 
 def test_the_followed_point_is_named() -> None:
-    elbow = replace(diagnostics_of(a=both(tip_jerk_m_s3=10.0)), point="right_elbow")
+    elbow = replace(diagnostics_of(a=both(tip_jerk_m_s3=10.0)), tracked_point="right_elbow")
     assert figure_sentences(elbow)["trajectory"].startswith("Right elbow jerk in m/s³: a 10.")
     assert point_title("right_thumb") == "Right thumb tip"
     assert point_title("left_ring") == "Left ring fingertip"
@@ -202,7 +202,7 @@ def test_the_followed_point_is_named() -> None:
 
 
 def test_samples_belong_to_their_system_only_where_it_is_there() -> None:
-    assert samples_by_system(["a", "a.s2", "b.s2", "c.s1", "c"]) == {
+    assert sample_names_by_system(["a", "a.s2", "b.s2", "c.s1", "c"]) == {
         "a": {1: "a", 2: "a.s2"},
         "b.s2": {1: "b.s2"},
         "c.s1": {1: "c.s1"},
@@ -213,11 +213,11 @@ def test_samples_belong_to_their_system_only_where_it_is_there() -> None:
 def test_numbers_are_plain() -> None:
     told = {0.0: "0", 0.00621: "0.0062", 0.996: "1.0", 1.26: "1.3", 9.96: "10", 123.4: "123"}
     told |= {123456.0: "123456", -0.034: "-0.034", 9.7e-6: "under 0.001"}
-    assert {value: format_number(value) for value in told} == told
+    assert {value: format_two_digits(value) for value in told} == told
 
 
 def beating(score: float, highest: float) -> RawAndFiltered:
-    raw = replace(both().raw, beats=BeatMeasures(score, 0.42, highest, 1.46, 120, "own"))
+    raw = replace(both().raw, beats=BeatMetrics(score, 0.42, highest, 1.46, 120, "own"))
     return RawAndFiltered(raw, raw)
 
 
@@ -225,10 +225,13 @@ def test_only_beats_above_chance_are_told() -> None:
     low, high = beating(0.71, 0.72), beating(0.71, 0.7)
     for systems, words in (
         ({"a": low}, ""),
-        ({"a": high}, "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most)."),
+        (
+            {"a": high},
+            "BeatAlign above chance: a 0.71 (time-shifted onsets: mean 0.42, maximum 0.70).",
+        ),
         (
             {"a": high, "b": low},
-            "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most); the "
+            "BeatAlign above chance: a 0.71 (time-shifted onsets: mean 0.42, maximum 0.70); the "
             "others are not above chance.",
         ),
         ({"a": both()}, ""),
@@ -259,16 +262,16 @@ def test_the_verdict_goes_through_the_ladder() -> None:
         reference=108,
     )
     assert verdict is not None
-    assert verdict.numbers == (
+    assert verdict.jerk_sentence == (
         "Right middle fingertip jerk in m/s³: local 150, global 100, joint 90, full 120; "
         "reference 108."
     )
     assert verdict.comparison.startswith(
         "On this clip, as the paper claims, the system with global rotations has less jerk than "
-        "the one with local rotations. Jerk of global compared with local: 33 % less. Jerk "
-        "compared with global when constraints are added one by one: joint 10 % less, full 20 % "
-        "more. Of these, joint has clearly less jerk. One clip, one sample, one training run per "
-        "system"
+        "the one with local rotations. Jerk of global compared with local: 33 % less. Adding "
+        "constraints one by one changes the jerk as follows (each compared with global): joint "
+        "10 % less, full 20 % more. Clearly less jerk: joint. One clip, one sample, one training "
+        "run per system"
     )
     assert "10 clips or more" in verdict.text and "several training seeds" in verdict.text
 
@@ -278,22 +281,22 @@ def test_swapped_numbers_turn_the_verdict_round() -> None:
         (
             (120, 90, 80),
             "the paper claims; Jerk of global compared with local: 25 % less.",
-            "full has clearly less jerk",
+            "Clearly less jerk: full.",
         ),
         (
             (100, 80, 110),
             "the paper claims; Jerk of global compared with local: 20 % less.",
-            "none has clearly less jerk",
+            "Clearly less jerk: none.",
         ),
         (
             (100, 98, 99),
             "the paper's claim; Jerk of global compared with local: equal within 5 %.",
-            "none has",
+            "Clearly less jerk: none.",
         ),
         (
             (90, 100, 110),
             "the paper's claim; Jerk of global compared with local: 11 % more.",
-            "none has",
+            "Clearly less jerk: none.",
         ),
     ]:
         local, plain_one, full = jerks
@@ -302,7 +305,7 @@ def test_swapped_numbers_turn_the_verdict_round() -> None:
         for each in words.split("; "):
             assert each in verdict.comparison
         assert are_calmer in verdict.comparison
-        assert "reference" not in verdict.numbers
+        assert "reference" not in verdict.jerk_sentence
 
 
 def test_samples_give_an_interval_and_where_they_do_not_tell_systems_apart_show_nothing() -> None:
@@ -325,7 +328,7 @@ def test_samples_give_an_interval_and_where_they_do_not_tell_systems_apart_show_
 def test_without_the_ladder_nothing_is_said_of_the_paper_and_without_jerk_nothing() -> None:
     verdict = said(gan_20=80, asynfusion_ddim=90)
     assert verdict is not None
-    assert verdict.numbers.endswith("gan/20 80, ddim 90.")
+    assert verdict.jerk_sentence.endswith("gan/20 80, ddim 90.")
     assert verdict.comparison.startswith(
         "Jerk of gan/20 (lowest) compared with ddim (highest): 11 % less. One clip"
     )
@@ -346,7 +349,7 @@ def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its
     jerk = values_by_metric({name: of["raw"] for name, of in clip.items()} for clip in clips)[JERK]
     assert jerk["globaldiff/local"] == {1: 200.0, 2: 210.0, 4: 190.0}
     verdict = make_verdict("right_middle", clips)
-    assert verdict is not None and verdict.numbers == (
+    assert verdict is not None and verdict.jerk_sentence == (
         "Right middle fingertip jerk in m/s³, mean over 3 clips: local 200, full 100; reference 50 "
         "(of 1 clip)."
     )
@@ -362,7 +365,7 @@ def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its
 def test_full_is_said_to_jerk_more_than_global_where_it_clearly_does() -> None:
     for full, words in [(100.0, "equal within 5 %"), (104.0, "equal"), (112.0, "12 % more")]:
         verdict = said(globaldiff_global=100, globaldiff_full=full)
-        assert verdict is not None and f"one by one: full {words}" in verdict.text
+        assert verdict is not None and f"compared with global): full {words}" in verdict.text
 
 
 def test_calmer_than_the_reference_is_told_apart_from_moving_less() -> None:
@@ -410,16 +413,16 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     )
     record = read_run(tmp_path / "out")
     verdict = record.verdict
-    assert verdict is not None and verdict.numbers.endswith("A 185, B 1226.")
+    assert verdict is not None and verdict.jerk_sentence.endswith("A 185, B 1226.")
     assert verdict.comparison.startswith(
         "Jerk of A (lowest) compared with B (highest): 85 % less. One clip is"
     )
     first, last = record.findings[0], record.findings[-1]
-    assert first.name == "B"
+    assert first.motion_name == "B"
     assert first.sentence.startswith("Jittery hands, worst at 0:")
     assert "mean jerk of all ten fingertips 655 m/s³ (recorded and pro" in first.sentence
     assert first.sentence.endswith(": 43 to 202).")
-    assert (last.name, last.sentence) == ("", "No findings in A.")
+    assert (last.motion_name, last.sentence) == ("", "No findings in A.")
     more = record.model_copy(update={"findings": [*[first] * 5, last]})
     assert more.top_findings == [*[first] * 3, last]
     assert finding_records({"A": []})[0].sentence == "No findings."
@@ -460,7 +463,7 @@ def test_no_words_of_a_verdict_contradict_its_numbers(
     means = {
         name: float(value)
         for name, value in re.findall(
-            r"([\w/]+) ([\d.]+)(?=[,; ]|\.)", verdict.numbers.split(":")[1]
+            r"([\w/]+) ([\d.]+)(?=[,; ]|\.)", verdict.jerk_sentence.split(":")[1]
         )
     }
     for other, one, change in CHANGES.findall(said):
@@ -482,7 +485,7 @@ def test_no_words_of_a_verdict_contradict_its_numbers(
         if how:
             assert (how.startswith("moves less,")) == (int(speed) < 80), how
             assert ("about as much" in how) == (int(speed) >= 95), how
-    added = re.search(r"one by one: (.*?)\. Of these, (.*?) (?:has|have) clearly", said)
+    added = re.search(r"\(each compared with .*?\): (.*?)\. Clearly less jerk: (.*?)\.", said)
     if added:
         less = re.findall(r"([\w/]+) (?:over )?[\d.]+ % less", added[1])
         assert sorted(less) == sorted(re.findall(r"[\w/]+", added[2].replace(" and ", " "))) or (

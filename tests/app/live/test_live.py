@@ -24,21 +24,21 @@ from app.live.session import (
     RecordingBuffer,
     check_supports_live,
     merge_plans,
+    missing_speech_note,
     planned_events_json,
-    recording_note,
 )
 from app.live.session_process import SessionScheduler, parse_live_options
 from app.live.sessions import MAX_SOUND_BYTES, AudioGuard, LiveSessions, decode_audio
 from app.run.frame_packets import HEADER, NUM_FACES, frames_message
 from app.run.models import get_system
 from app.run.requests.parts import SamplingOptions
-from model.generation.live import LiveMotion
+from model.generation.live import LiveGenerator
 from model.generation.windows import GenerateOptions
 from model.motion.motion import load_motion
 from model.plan.plan import PHASES, Blink, Gaze, GesturePlan, HandPhase, Nod, Stance, StreamedPlan
 from model.plan.style import LiveStyle
 from model.sampling.samplers import UnknownNameError
-from model.speech.features import CausalMel
+from model.speech.features import StreamingMelEncoder
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 from tests.model.plan.made import phase
@@ -89,8 +89,8 @@ def speak(session: LiveSession, clock: Clock, seconds: float, size: int = 4000) 
     for block in sound(seconds, size):
         clock.now += len(block) / 32_000
         session.add_audio(decode_audio(block))
-        while session.is_due:
-            session.generate_due_window()
+        while session.has_work:
+            session.process_input()
 
 
 @pytest.fixture
@@ -122,8 +122,8 @@ def test_frames_follow_the_speech_as_the_model_makes_them_and_can_be_kept(
     )
     assert kept.truncation_note == "" and kept.plan is None
 
-    live = LiveMotion(get_system(NAME, weights), GenerateOptions("ann", seed=2))
-    features, pieces = CausalMel(), []
+    live = LiveGenerator(get_system(NAME, weights), GenerateOptions("ann", seed=2))
+    features, pieces = StreamingMelEncoder(), []
     for block in sound(3.0):
         samples = np.frombuffer(block, "<i2").astype(np.float32) / 32_768
         live.add_features(torch.from_numpy(features.add_samples(samples)))
@@ -148,7 +148,7 @@ def test_memory_does_not_grow(session, clock, monkeypatch):
 def test_caps_of_speed_and_length_are_told(microphone, clock, monkeypatch):
     put(microphone, clock, 3.0, SECOND, 1.0)
     microphone.check(SECOND)
-    with pytest.raises(RunError, match="more of audio arrived than time has passed"):
+    with pytest.raises(RunError, match="s ahead of real time"):
         for _ in range(3):
             microphone.check(SECOND)
     monkeypatch.setattr(sounds, "MAX_S", 8.0)
@@ -191,7 +191,7 @@ def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
         clock.now += 0.25
         session.add_audio(decode_audio(block))
     with pytest.raises(RunError, match="too slow for 3 visitors at once"):
-        session.generate_due_window(num_sessions=3)
+        session.process_input(num_sessions=3)
     monkeypatch.setattr(limits, "MAX_WINDOW_MS", 1e-6)
     slow = LiveSession(get_system(NAME, weights), OPTIONS, lambda _: None, clock)
     with pytest.raises(RunError, match=r"globaldiff/global needs .* ms per frame.*gan/5"):
@@ -203,11 +203,11 @@ def test_what_is_missing_of_what_was_spoken_is_said(session, clock):
     speak(session, clock, 3.0)
     minute = session.minute.recording()
     made_s = minute.motion.num_frames / 30
-    assert recording_note(minute, made_s + 1.9) == ""
-    told = recording_note(minute, made_s + 2.5)
+    assert missing_speech_note(minute, made_s + 1.9) == ""
+    told = missing_speech_note(minute, made_s + 2.5)
     assert told.startswith("The saved run ends 2.5 s before the end of your speech")
     later = replace(minute, first_frame=45)
-    assert recording_note(later, made_s).startswith(
+    assert missing_speech_note(later, made_s).startswith(
         f"Only the last {made_s:.0f} s are stored; the 1.5 s"
     )
 
@@ -296,10 +296,10 @@ def test_a_system_that_plans_tells_its_plan_and_keeps_what_was_planned_when_each
 def test_its_sliders_lead_from_the_next_window_on_and_of_other_systems_they_are_refused(
     planning, session, clock
 ):
-    planning.set_style({"manner": {"large": 2.0, "smile": 0}})
+    planning.set_style({"manner": {"size_factor": 2.0, "smile_factor": 0}})
     speak(planning, clock, 1.0, 4800)
-    assert planning._live._stream.style == LiveStyle(large=2.0, smile=0.0)
-    wrong = (None, {"manner": {"large": 99}}, {"manner": {"more": 1}}, {"manner": None}, [])
+    assert planning._live._stream.style == LiveStyle(size_factor=2.0, smile_factor=0.0)
+    wrong = (None, {"manner": {"size_factor": 99}}, {"manner": {"more": 1}}, {"manner": None}, [])
     leads: list[Callable[[], None]] = [lambda told=told: planning.set_style(told) for told in wrong]
     for lead in leads:
         with pytest.raises(RunError):
@@ -440,12 +440,12 @@ def test_places_are_bounded_in_all_and_for_each_address(sessions, monkeypatch, t
     monkeypatch.setattr(module, "MAX_SESSIONS", 4)
     monkeypatch.setattr(module, "MAX_SESSIONS_EACH", 2)
     first, _, _ = (sessions.begin("", told.append, address="10.0.0.1") for _ in range(3))
-    assert "2 live sessions are already running from your network address" in told[-1]
+    assert "Your network address already has 2 live sessions" in told[-1]
     for k in range(2):
         sessions.begin(str(k), address=f"10.0.1.{k}")
     for cookie in ("fifth", ""):
         sessions.begin(cookie, told.append, address="10.0.2.1")
-        assert "4 live sessions are already running on this machine" in told.pop()
+        assert "4 live sessions are already running on this server" in told.pop()
     sessions.close(first)
     sessions.begin("mine", address="10.0.0.1")
     sessions.begin("mine", address="10.0.0.1")  # in another tab: the first ends
@@ -489,7 +489,7 @@ def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(
 def test_a_fault_ends_its_own_session_only(sessions, monkeypatch, told):
     numbers = [sessions.begin("a", told.append), sessions.begin("b")]
     broken, whole = (sessions.performers.open[number] for number in numbers)
-    monkeypatch.setattr(broken, "generate_due_window", lambda num_sessions: 1 / 0)
+    monkeypatch.setattr(broken, "process_input", lambda num_sessions: 1 / 0)
     for number in numbers:
         put_all(sessions, number, 1.5)
     for _ in range(3):
@@ -511,4 +511,4 @@ def test_a_process_that_is_killed_is_told_and_the_next_who_speaks_has_another(we
         sessions.open(TOLD, "", told.put)
         assert sessions._child not in (None, killed)
     finally:
-        sessions.end()
+        sessions.end_process()

@@ -64,7 +64,7 @@ class Served:
 @contextmanager
 def served_page(weights: Path, temp: Path, **settings: Any) -> Iterator[Served]:
     """As `launch` makes it, but for the server."""
-    config = AppConfig(port=0, weights=weights, temp=temp, **settings)
+    config = AppConfig(port=0, weights=weights, temp_folder=temp, **settings)
     clients: list[TestClient] = []
     with ExitStack() as stack, pytest.MonkeyPatch.context() as environment:
 

@@ -67,7 +67,7 @@ def page(
         patch.setattr(http_server, "start_server", start_and_ask)
         patch.setattr("gradio.networking.url_ok", lambda url: False)
         temp = tmp_path_factory.mktemp("page")
-        page = launch(AppConfig(port=0, weights=weights, temp=temp), preloads_models=False)
+        page = launch(AppConfig(port=0, weights=weights, temp_folder=temp), preloads_models=False)
         yield page
         page.close()
 
@@ -152,14 +152,16 @@ def test_a_port_that_is_taken_is_told_before_anything_is_made(weights, tmp_path,
     monkeypatch.setenv("GRADIO_TEMP_DIR", "")
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
-        config = AppConfig(port=port, weights=weights, temp=tmp_path / "page")
+        config = AppConfig(port=port, weights=weights, temp_folder=tmp_path / "page")
         with pytest.raises(
             OSError, match=rf"Port {port} of 127\.0\.0\.1 is already in use.* with --port"
         ):
             launch(config, preloads_models=False)
     assert not (tmp_path / "page").exists()
     with pytest.raises(RunError, match="No trained systems"):
-        launch(AppConfig(port=0, weights=tmp_path, temp=tmp_path / "t"), preloads_models=False)
+        launch(
+            AppConfig(port=0, weights=tmp_path, temp_folder=tmp_path / "t"), preloads_models=False
+        )
 
 
 DEAD = "//127.0.0.1:1"
@@ -265,7 +267,7 @@ def test_changes_that_do_not_fit_a_gradio_are_logged_and_the_page_is_served_with
     with served_page(weights, tmp_path / "other") as page:
         assert page.client.get("/config").status_code == 200
     assert "Gradio 6.40.0 is installed; this page was written for Gradio 6.31" in caplog.text
-    assert "leaves an empty file for an hour" in caplog.text
+    assert "leaves an empty temporary file for an hour" in caplog.text
     assert "the queue has no limits" in caplog.text and "functions end" not in caplog.text
 
 

@@ -21,7 +21,7 @@ from tests.helpers import ROOT
 
 def player_value() -> dict[str, Any]:
     run_view = RunView(FIRST_LOOK, lambda path: f"file/{path.name}")
-    run_view.set_editor_message("moved", state="working")
+    run_view.set_editor_state("moved", is_working=True)
     return run_view.player_value()
 
 

@@ -28,7 +28,7 @@ def handler(page: gr.Blocks, button: str) -> Callable[..., Any]:
 
 
 def test_a_tabs_cancel_stops_its_own_run_alone(speech, tmp_path):
-    does = {"run_request": fakes.make_generate()}
+    does = {"run_page_request": fakes.make_generate()}
     jobs = Jobs(tmp_path / "jobs")
     page = build_app(fakes.made_services(tmp_path, does, config=AppConfig(), jobs=jobs))
     systems = list(fakes.CATALOGUE.systems)

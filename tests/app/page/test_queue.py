@@ -60,7 +60,7 @@ class Page:
         self.blocks, (self.fn, *_, self.check_fn) = blocks, blocks.fns
 
     def work(self, callbacks: RunCallbacks) -> str:
-        visitor = self.jobs._jobs[-1].visitor
+        visitor = self.jobs._jobs[-1].page_session
         self.begun.append(visitor)
         try:
             while not self.may_end.acquire(timeout=0.02):
@@ -109,7 +109,7 @@ def page(tmp_path, monkeypatch) -> Iterator[Page]:
     with httpx.Client(base_url=page.blocks.local_url or "", timeout=60) as page.client:
         yield page
     page.may_check.release(100)
-    page.jobs.cancel()
+    page.jobs.cancel_all()
     page.blocks.close()
 
 

@@ -166,7 +166,7 @@ def test_jobs_have_folders_of_their_own_and_are_stopped_by_tab_and_page(jobs):
         assert all(folder.stat().st_mode & 0o777 == 0o700 for folder in folders)
         jobs.cancel("one", "generate")
         assert first.is_cancelled() and not second.is_cancelled() and not other.is_cancelled()
-        jobs.cancel()
+        jobs.cancel_all()
         assert second.is_cancelled() and other.is_cancelled()
     assert not jobs.in_use() and all(folder.is_dir() for folder in folders), "for the downloads"
 

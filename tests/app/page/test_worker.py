@@ -10,7 +10,7 @@ import pytest
 
 from app import text
 from app.errors import Cancelled, RunError, WorkerError, message_for_user, visitor_message
-from app.page.worker import Limits, Worker
+from app.page.worker import TaskLimits, Worker
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from processes import exit_report
 from tests.app.page import ends
@@ -20,7 +20,7 @@ from tests.processes.made import kill, run_out_of_memory
 @pytest.fixture(scope="module")
 def worker() -> Iterator[Worker]:
     """One process for all tests that need not end it; whoever ends it leaves another."""
-    worker = Worker(limits=Limits(run_s=100))
+    worker = Worker(limits=TaskLimits(run_s=100))
     yield worker
     worker.close()
 
@@ -129,8 +129,8 @@ def test_a_hard_limit_of_memory_is_kept_to():
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        (Limits(run_s=0.5), "exceeded the limit of 0 minutes"),
-        (Limits(no_progress_s=0.5), "made no progress for 0 s"),
+        (TaskLimits(run_s=0.5), "exceeded the limit of 0 minutes"),
+        (TaskLimits(no_progress_s=0.5), "made no progress for 0 s"),
     ],
 )
 def test_what_takes_too_long_is_ended(limits, words):
@@ -190,7 +190,7 @@ def test_a_successor_is_warm_and_work_that_is_there_is_done_before_models_are_re
     for path in never.glob("*.safetensors"):
         path.unlink()
         os.mkfifo(path)  # whoever reads it waits for ever
-    worker = Worker(limits=Limits(run_s=100.0), warm=(never, None))
+    worker = Worker(limits=TaskLimits(run_s=100.0), warm=(never, None))
     worker.start()
     try:
         assert worker.do(ends.carry_on, "said") == "said"

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from app.config import EXAMPLES
-from app.run.bodies import TrackedPoint, align_and_cut_motions
+from app.run.bodies import PointTracker, align_and_cut_motions
 from app.run.examples import FIRST_LOOK, FIRST_LOOK_METADATA, FIRST_MOTION
 from app.run.output.run_folder import SPEECH, RunRecord
 from app.run.pipeline import generate
@@ -27,7 +27,7 @@ LOOK_S = 6.7
 
 def make_first_look(out: Path) -> None:
     """What the best system makes of the beginning of an example."""
-    tip = TrackedPoint()
+    tracker = PointTracker()
     with tempfile.TemporaryDirectory() as temporary:
         beginning = Path(temporary, SPEECH)
         waveform = load_speech(EXAMPLES / "three_reasons.wav").waveform
@@ -40,15 +40,16 @@ def make_first_look(out: Path) -> None:
         motion = load_motion(result.out / f"{safe_file_stem(PRIORFLOW)}.npz")
         provenance = json.loads((result.out / "provenance.json").read_text())
     motions = {FIRST_MOTION.stem: motion}
-    record = RunRecord(kind="imported", point=DEFAULT_TRACKED_POINT)
+    record = RunRecord(kind="imported", tracked_point=DEFAULT_TRACKED_POINT)
     with open_run_writer(out, record) as run:
         shown, _ = align_and_cut_motions(motions)
         run.write_timeline(
-            run.write_viewer_files(shown, speech, tip, ask.sampling.weights), EMPTY_TRANSCRIPT
+            run.write_motions_and_make_timeline(shown, speech, tracker, ask.sampling.weights),
+            EMPTY_TRANSCRIPT,
         )
         run.detect_plans(shown)
         facts = {"provenance": provenance}
-        path = run.folder.path(FIRST_LOOK_METADATA)
+        path = run.folder.new_path(FIRST_LOOK_METADATA)
         path.write_text(json.dumps(facts, indent=1) + "\n")
         run.add_files(path)
         run.finish("")

@@ -31,7 +31,7 @@ from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion, save_motion
 from model.motion.tracks import track_points
-from model.sampling.samplers import clip_seed
+from model.sampling.samplers import noise_seed_of_clip
 from model.speech.audio import load_speech, write_wav
 from model.systems.registry import list_systems
 from tests.app.recorded_callbacks import RecordedCallbacks
@@ -65,7 +65,7 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     asked: dict[str, Any] = {"systems": (WORLD,), "weights": weights, "guidance": 4.0}
     both = ("bob", "ann")
     measure_speech_effect(
-        speech_effect_request(out=out, speeches=speeches, speakers=both, **asked), callbacks
+        speech_effect_request(out=out, inputs=speeches, speakers=both, **asked), callbacks
     )
     assert callbacks.shares == pytest.approx([k / 8 for k in range(9)])
     record = read_run(out)
@@ -97,7 +97,7 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     for path in out.glob("*.npz"):
         path.rename(tmp_path / "motions" / path.name)
     measure_speech_effect(
-        speech_effect_request(out=tmp_path / "again", speeches=(tmp_path / "motions",))
+        speech_effect_request(out=tmp_path / "again", inputs=(tmp_path / "motions",))
     )
     (again,) = json.loads((tmp_path / "again" / "speech_effect.json").read_text()).values()
     assert again["parts"] == told["parts"] and again["guidance"] is None
@@ -115,7 +115,7 @@ def test_processes_beside_each_other_generate_the_same_motions_for_the_speech_ef
         monkeypatch.setattr(models, "WORTH_S", worth_s)
         callbacks = RecordedCallbacks()
         measure_speech_effect(
-            speech_effect_request(out=tmp_path / name, speeches=speeches, **asked), callbacks
+            speech_effect_request(out=tmp_path / name, inputs=speeches, **asked), callbacks
         )
         assert callbacks.shares == pytest.approx([k / 8 for k in range(9)])
     here, beside = (read_run(tmp_path / name) for name in ("here", "beside"))
@@ -131,7 +131,7 @@ def test_processes_beside_each_other_generate_the_same_motions_for_the_speech_ef
     )
     assert one == other
     with pytest.raises(Cancelled):
-        stopped = speech_effect_request(out=tmp_path / "stopped", speeches=speeches, **asked)
+        stopped = speech_effect_request(out=tmp_path / "stopped", inputs=speeches, **asked)
         measure_speech_effect(stopped, RunCallbacks(should_cancel=lambda: True))
     assert not (tmp_path / "stopped").exists()
 
@@ -152,7 +152,7 @@ def test_a_planted_ear_is_found_in_anyones_motion(
     assert told["deaf"]["parts"]["arms"]["by_speech"] < 0.2
     assert told["deaf"]["parts"]["arms"]["by_noise"] > 0.7
     shown = capsys.readouterr()
-    assert "hears: the speech accounts for" in shown.err
+    assert "hears: compared with pairs of motions that share neither" in shown.err
     assert shown.out.splitlines() == [
         str(out / name)
         for name in (
@@ -178,10 +178,8 @@ def test_speech_decides_more_only_where_the_printed_interval_says_so(
     arms |= {"lead_low": lead - reach, "lead_high": lead + reach}
     said = _effect_sentence("a", {"parts": {"arms": arms}, "arm_rotations_same_noise": 0.5})
     speech, chance, _, low, high = (
-        int(each.replace("\N{MINUS SIGN}", "-"))
-        for each in re.findall(
-            r"(\N{MINUS SIGN}?\d+)(?: %(?! interval)| percentage points| to|\)\.)", said
-        )[:5]
+        float(each.replace("\N{MINUS SIGN}", "-"))
+        for each in re.findall(r"\N{MINUS SIGN}?\d+\.\d\d", said)[:5]
     )
     assert ("more on the speech" in said) == (low > 0)
     assert ("more on the noise seed" in said) == (high < 0)
@@ -194,14 +192,14 @@ def test_speech_decides_more_only_where_the_printed_interval_says_so(
 
 def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
     for changes, sentence in [
-        ({"speeches": ("one.wav",)}, "Two to 8 speeches can be compared; got 1"),
-        ({"speeches": ("a/one.wav", "b/one.wav")}, "the same name"),
-        ({"seeds": 1}, "2 to 8; got 1"),
+        ({"inputs": ("one.wav",)}, "From 2 to 8 speech recordings can be compared; got 1"),
+        ({"inputs": ("a/one.wav", "b/one.wav")}, "the same name"),
+        ({"num_seeds": 1}, "2 to 8; got 1"),
         ({"systems": ()}, "One to"),
-        ({"speeches": (tmp_path,), "speakers": ("ann", "bob")}, "Speakers cannot be compared"),
+        ({"inputs": (tmp_path,), "speakers": ("ann", "bob")}, "cannot be used with a folder"),
     ]:
-        asked = {"speeches": ("one.wav", "two.wav"), "systems": (WORLD, "gan/5")} | changes
-        asked["speeches"] = tuple(map(Path, asked["speeches"]))
+        asked = {"inputs": ("one.wav", "two.wav"), "systems": (WORLD, "gan/5")} | changes
+        asked["inputs"] = tuple(map(Path, asked["inputs"]))
         with pytest.raises(RunError, match=sentence):
             speech_effect_request(out=tmp_path, **asked).check()
 
@@ -210,7 +208,7 @@ def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
     ("names", "sentence"),
     [
         (["what.npz"], "SYSTEM__SPEECH__SEED.npz"),
-        (["a__one__0.npz", "a__one__1.npz"], "two speeches and two noise seeds"),
+        (["a__one__0.npz", "a__one__1.npz"], "two speech recordings and two noise seeds"),
         ([], "found 0"),
     ],
 )
@@ -222,14 +220,16 @@ def test_a_folder_that_says_too_little_is_told(
         save_motion(motion_of(0, number, 0.5), tmp_path / "motions" / name)
     with pytest.raises(RunError, match=sentence):
         measure_speech_effect(
-            speech_effect_request(out=tmp_path / "out", speeches=(tmp_path / "motions",))
+            speech_effect_request(out=tmp_path / "out", inputs=(tmp_path / "motions",))
         )
 
 
 @pytest.fixture
 def asked(tmp_path: Path) -> RotationNoiseRequest:
     save_motion(smooth_motion_example(12), tmp_path / "motion.npz")
-    return rotation_noise_request(motion=tmp_path / "motion.npz", out=tmp_path / "out", size=256)
+    return rotation_noise_request(
+        motion=tmp_path / "motion.npz", out=tmp_path / "out", picture_height_px=256
+    )
 
 
 @pytest.mark.gl
@@ -245,7 +245,7 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(
     record = read_run(asked.output.out)
     told = " ".join(record.notes)
     assert "Noise of 0.05 rad on every joint moves the right middle fingertip" in told
-    assert "times as far (predicted from lever arms" in told
+    assert "times as far as with global noise (predicted from lever arms" in told
     assert "Equal noise is an assumption" in told
     moved = np.abs(np.diff(frames.astype(int), axis=0))
     assert moved[:, :, :192].mean() > moved[:, :, 192:].mean(), "the left one trembles more"
@@ -275,9 +275,9 @@ def test_a_mechanism_that_cannot_be_is_refused(asked: RotationNoiseRequest) -> N
         ({"seed": -1}, "must not be negative"),
         (
             {"out": Path("two.mp4")},
-            "must be a folder, not a video; its video is called rotation_noise.mp4",
+            "must be a folder; the video in it is called rotation_noise.mp4",
         ),
-        ({"joint": "pelvis"}, "No rotation moves the pelvis"),
+        ({"tracked_point": "pelvis"}, "The pelvis does not depend on joint rotations"),
     ]:
         with pytest.raises(RunError, match=words):
             compare_rotation_noise(replace_fields(asked, **changes))
@@ -300,11 +300,11 @@ def test_points_are_what_generation_and_measures_say(
     out = tmp_path / "out"
     asked: dict[str, Any] = {"speech": noise, "systems": (WORLD,), "weights": weights}
     callbacks = RecordedCallbacks()
-    ask = step_sweep_request(out=out, speaker="ann", seed=5, counts=(1, 3), **asked)
+    ask = step_sweep_request(out=out, speaker="ann", seed=5, step_counts=(1, 3), **asked)
     measure_step_sweep(ask, callbacks)
     table = json.loads((out / "steps.json").read_text())
     system, skeleton, speech = get_system(WORLD, weights), open_body_skeleton(), load_speech(noise)
-    seed = clip_seed(5, speech.sha256)
+    seed = noise_seed_of_clip(5, speech.sha256)
     one, three = (
         generate_motion(system, speech, GenerateOptions("ann", seed=seed, steps=steps))[0]
         for steps in (1, 3)
@@ -325,7 +325,7 @@ def test_points_are_what_generation_and_measures_say(
     words = (
         "with 1 instead of 3"
         if calm
-        else "with fewer than 3 sampling steps, fingertip jerk is over"
+        else "with each smaller number of sampling steps tested, fingertip jerk is over"
     )
     assert record.message == "Measured 2 motions." and words in record.notes[0]
     assert (out / "steps.txt").read_text().endswith("Numbers by protocol workbench/1.\n")
@@ -342,12 +342,14 @@ def test_no_more_than_ten_seconds_are_generated_and_what_is_stopped_leaves_nothi
     lengths: list[int] = []
 
     def watched(system, speech, options):
-        lengths.append(speech.num_frames)
+        lengths.append(speech.num_motion_frames)
         raise Cancelled
 
     monkeypatch.setattr("app.run.experiments.step_sweep.generate_motion", watched)
     speech, out = tmp_path / "speech.wav", tmp_path / "out"
-    ask = step_sweep_request(speech=speech, out=out, systems=(WORLD,), weights=weights, counts=(1,))
+    ask = step_sweep_request(
+        speech=speech, out=out, systems=(WORLD,), weights=weights, step_counts=(1,)
+    )
     with pytest.raises(Cancelled):
         measure_step_sweep(ask)
     assert set(lengths) == {int(30 * MAX_S)} and not (tmp_path / "out").exists()
@@ -363,12 +365,12 @@ def test_what_cannot_be_measured_is_refused() -> None:
     ]:
         with pytest.raises(RunError, match=says):
             step_sweep_request(
-                speech=Path("s.wav"), out=Path("out"), systems=systems, counts=counts
+                speech=Path("s.wav"), out=Path("out"), systems=systems, step_counts=counts
             ).check()
 
 
 def test_all_means_all_systems_of_the_weights(noise, weights, tmp_path):
-    ask = step_sweep_request(speech=noise, out=tmp_path / "out", weights=weights, counts=(1,))
+    ask = step_sweep_request(speech=noise, out=tmp_path / "out", weights=weights, step_counts=(1,))
     measure_step_sweep(ask)
     table = json.loads((ask.output.out / "steps.json").read_text())
     assert {row["system"] for row in table} == {*list_systems(weights)}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.bodies import TrackedPoint, body_motion
+from app.run.bodies import PointTracker, body_motion
 from conventions.joints import FINGERTIP_JOINTS, FINGERTIP_NAMES, FINGERTIP_VERTICES, JOINT_NAMES
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points
@@ -22,26 +22,26 @@ def body() -> Body:
 def test_every_joint_and_every_fingertip_beyond_its_last_joint_is_followed(body: Body) -> None:
     tracks = track_points(MOTION, open_body_skeleton())
     for joint, name in enumerate(JOINT_NAMES):
-        source = TrackedPoint(name)
-        assert source.source == "joint"
+        source = PointTracker(name)
+        assert source.position_kind == "joint"
         np.testing.assert_array_equal(source.track(MOTION), tracks.joints[:, joint])
     assert set(FINGERTIP_VERTICES) == set(FINGERTIP_NAMES)
     for tip, joint in zip(FINGERTIP_NAMES, FINGERTIP_JOINTS, strict=True):
-        source = TrackedPoint(tip)
+        source = PointTracker(tip)
         beyond = np.linalg.norm(source.track(MOTION) - tracks.joints[:, joint], axis=1)
-        assert source.source == "rigid"
+        assert source.position_kind == "rigid"
         assert beyond == pytest.approx(beyond[0]) and 0.01 < beyond[0] < 0.04
 
 
 def test_a_body_of_ones_own_gives_a_vertex_or_its_own_joint(body: Body) -> None:
-    elbow = TrackedPoint("right_elbow", body)
+    elbow = PointTracker("right_elbow", body)
     expected = body.joint_positions(body_motion(MOTION))[:, JOINT_NAMES.index("right_elbow")]
     np.testing.assert_array_equal(elbow.track(MOTION), expected)
-    assert (elbow.source, elbow.title) == ("joint of the body", "Right elbow")
-    assert TrackedPoint(body=body).source == "vertex 7794"
-    assert TrackedPoint("left_thumb", body).source == "vertex 5361"
+    assert (elbow.position_kind, elbow.title) == ("joint of the body", "Right elbow")
+    assert PointTracker(body=body).position_kind == "vertex 7794"
+    assert PointTracker("left_thumb", body).position_kind == "vertex 5361"
     with pytest.raises(RunError, match=r"no point 'nose' to track.*left_index.*right_wrist"):
-        TrackedPoint("nose")
+        PointTracker("nose")
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_a_long_motion_is_followed_in_pieces_between_which_it_can_be_ended(
     body: Body, point: str, is_own: bool, num_frames: int, pieces: int
 ) -> None:
     motion = smooth_motion_example(num_frames)
-    source = TrackedPoint(point, body if is_own else None)
+    source = PointTracker(point, body if is_own else None)
     told: list[None] = []
     track = source.track(motion, on_piece=lambda: told.append(None))
     assert (track.shape, len(told)) == ((num_frames, 3), pieces)
@@ -72,7 +72,7 @@ def test_a_long_motion_is_followed_in_pieces_between_which_it_can_be_ended(
 
 
 def test_a_motion_is_followed_once_and_its_start_alone_where_that_is_enough() -> None:
-    source = TrackedPoint()
+    source = PointTracker()
     start = source.track(MOTION, num_frames=5)
     assert start.shape == (5, 3)
     whole = source.track(MOTION)

@@ -12,7 +12,7 @@ import pytest
 from app.commands.cli import main
 from app.config import EXAMPLES
 from app.errors import Cancelled, RunError
-from app.run.bodies import TrackedPoint, body_motion
+from app.run.bodies import PointTracker, body_motion
 from app.run.callbacks import RunStage
 from app.run.diagnostics import cached_speech_onsets, measure_motions, write_diagnostics
 from app.run.display import Display
@@ -22,7 +22,7 @@ from app.run.examples import (
     TWO_MINUTES,
     add_tremble,
     inject_faults,
-    write_faulty_example,
+    write_faulty_example_files,
 )
 from app.run.imported_motions import protocol_inputs
 from app.run.output.provenance import motion_labels
@@ -70,8 +70,8 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     text.write_text("There are three reasons.")
     request = diagnose_request(
         motions=(motion, motion), out=tmp_path / "out", names=("clip", "again"), speech=speech,
-        reference=reference, transcript=text, words="recognise", joint="left_wrist",
-        start_frame=20, has_poses=False,
+        reference=reference, transcript=text, word_source="recognise", tracked_point="left_wrist",
+        start_frame=20, has_figure_poses=False,
     )  # fmt: skip
     callbacks = RecordedCallbacks()
     found = run(request, callbacks)
@@ -104,7 +104,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
         [*found.notes, *(each.sentence for each in read_run(request.output.out).findings)]
     )
     for words_said in (
-        "The reference has 55 frames; the first 40 were measured",
+        "The reference has 55 frames; only the first 40 were measured",
         "The speech lasts 3.0 s, but 3 of the motions last 1.3 to 1.8 s",
         "their.npz: joints 52, as many joints as SMPL-H",
         "units cm",
@@ -138,8 +138,8 @@ def test_one_frame_and_a_still_motion_are_measured_under_names_from_the_page(
         poses, trans = (np.repeat(each, frames, axis=0) for each in (one.poses, one.trans))
         np.savez(path, poses=poses, trans=trans, mocap_frame_rate=np.array(30))
     request = diagnose_request(
-        motions=tuple(paths), out=tmp_path / "out", names=("one frame", "still"), joint="pelvis",
-        has_poses=False,
+        motions=tuple(paths), out=tmp_path / "out", names=("one frame", "still"),
+        tracked_point="pelvis", has_figure_poses=False,
     )  # fmt: skip
     diagnosis = run(request)
     assert list(diagnosis.diagnostics.systems) == ["one frame", "still"]
@@ -161,7 +161,7 @@ def test_what_cannot_be_measured_is_refused_and_nothing_is_left(
         return capsys.readouterr().err
 
     assert "no point 'nose'" in refusal("--tracked-point", "nose")
-    assert "must be 0 to 39; got 40" in refusal("--start", "40")
+    assert "must be from 0 to 39; got 40" in refusal("--start", "40")
     without_speech = refusal("--transcript", str(text))
     assert without_speech == refusal("--words", "recognise")
     assert "add it (--speech), or give a TextGrid" in without_speech
@@ -173,7 +173,7 @@ def test_what_cannot_be_measured_is_refused_and_nothing_is_left(
 
 def test_motions_of_one_name_are_told_apart_by_their_folders_or_refused(tmp_path: Path) -> None:
     paths = [tmp_path / "ours" / "a.npz", tmp_path / "theirs" / "a.npz", tmp_path / "b.npz"]
-    asked = diagnose_request(motions=tuple(paths), out=tmp_path / "o", has_poses=False)
+    asked = diagnose_request(motions=tuple(paths), out=tmp_path / "o", has_figure_poses=False)
     assert motion_labels(asked.motions) == ["ours/a", "theirs/a", "b"]
     with pytest.raises(RunError, match="'theirs'"):
         run(replace_fields(asked, motions=(CLEAN, CLEAN), names=("theirs", "theirs")))
@@ -186,7 +186,7 @@ def test_a_run_that_is_ended_at_any_point_leaves_nothing(
     motion: Path, tmp_path: Path, stage: RunStage
 ) -> None:
     request = diagnose_request(
-        motions=(motion, motion), out=tmp_path / "out", names=("a", "b"), has_poses=False
+        motions=(motion, motion), out=tmp_path / "out", names=("a", "b"), has_figure_poses=False
     )
     with pytest.raises(Cancelled):
         run(request, RecordedCallbacks(0.3, stage=stage))
@@ -200,7 +200,11 @@ def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_
     for seed, path in enumerate(paths):
         save_motion(smooth_motion_example(12, seed), path)
     asked = diagnose_request(
-        motions=paths, out=tmp_path / "out", visible=("m6",), figure_panels=("a",), has_poses=False
+        motions=paths,
+        out=tmp_path / "out",
+        visible=("m6",),
+        figure_panels=("a",),
+        has_figure_poses=False,
     )
     found = run(asked)
     assert len(found.diagnostics.systems) == 7
@@ -232,7 +236,7 @@ def test_the_json_is_what_was_measured_and_the_csv_has_each_number_once(tmp_path
     assert content.pop("words_origin") == "recognised"
     assert content.pop("phones") == [{"start_s": 0.2, "end_s": 0.3, "text": "HH"}]
     assert content == found.as_json()
-    assert content["systems"]["a/b"]["raw"]["tip_path_m_s"] is None
+    assert content["systems"]["a/b"]["raw"]["tip_speed_m_s"] is None
     with (tmp_path / "diagnostics.csv").open() as file:
         header, *rows = csv.reader(file)
     assert header == ["name", "post_filter", "measure", "index", "value", "protocol"]
@@ -251,7 +255,7 @@ def test_every_number_carries_the_id_of_its_protocol(tmp_path: Path) -> None:
     motions = {"a": smooth_motion_example(400), "reference": smooth_motion_example(400, seed=1)}
     inputs = ProtocolInputs(np.zeros(16000 * 13, np.float32), np.full(13, 0.1))
     onsets_s = np.arange(2.5, 11, 0.4)
-    found = measure_motions(motions, TrackedPoint(), onsets_s, inputs=inputs)
+    found = measure_motions(motions, PointTracker(), onsets_s, protocol_inputs=inputs)
     with ResultFolder(tmp_path) as folder:
         write_diagnostics(found, folder)
         folder.publish()
@@ -280,27 +284,29 @@ def test_faces_are_those_of_a_licensed_body_that_only_jaw_and_expressions_move(t
         name: smooth_motion_example(40, seed, expression_basis="flame100")
         for name, seed in (("a", 0), ("reference", 1))
     }
-    assert inputs.face_vertices is not None
-    face = inputs.face_vertices(motions["a"])
+    assert inputs.make_face_vertices is not None
+    face = inputs.make_face_vertices(motions["a"])
     assert face is not None
     still = motions["a"].poses.copy().reshape(40, 55, 3)
     still[:, [joint for joint in range(55) if joint != JOINT_INDEX["jaw"]]] = 0
     moved = replace(
         motions["a"], poses=still.reshape(40, 165), trans=np.zeros_like(motions["a"].trans)
     )
-    wanted = np.concatenate(list(load_body(path).vertices(body_motion(moved))))
+    wanted = np.concatenate(list(load_body(path).posed_vertices(body_motion(moved))))
     np.testing.assert_allclose(face(slice(5, 30)), wanted[5:30], atol=1e-6)
-    found = measure_motions(motions, TrackedPoint(), inputs=inputs).systems["a"].raw.published
+    found = (
+        measure_motions(motions, PointTracker(), protocol_inputs=inputs).systems["a"].raw.published
+    )
     assert found is not None and found.protocols["mse_face/emage"]["mse_m2"] > 0
     assert found.protocols["lvd/emage"]["lvd_m"] > 0
-    assert inputs.face_vertices(smooth_motion_example(40)) is None  # ARKit's blendshapes
+    assert inputs.make_face_vertices(smooth_motion_example(40)) is None  # ARKit's blendshapes
 
 
 def test_each_motion_can_be_stopped_at_as_it_is_and_filtered() -> None:
     motions = {"a": smooth_motion_example(40), "reference": smooth_motion_example(40, seed=1)}
-    tip = TrackedPoint()
+    tracker = PointTracker()
     told: list[float] = []
-    found = measure_motions(motions, tip, on_share=told.append)
+    found = measure_motions(motions, tracker, on_share=told.append)
     assert told == [0.0, 0.25, 0.5, 0.75]
     assert list(found.systems) == ["a"] and found.reference is not None
 
@@ -309,13 +315,13 @@ def test_each_motion_can_be_stopped_at_as_it_is_and_filtered() -> None:
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        measure_motions(motions, tip, on_share=stop)
+        measure_motions(motions, tracker, on_share=stop)
 
 
 def test_the_point_is_the_one_that_the_measures_follow_of_themselves() -> None:
     motions = {"a": smooth_motion_example(40)}
     for point in ("left_index", "right_wrist"):
-        found = measure_motions(motions, TrackedPoint(point))
+        found = measure_motions(motions, PointTracker(point))
         assert found.as_json() == diagnose(motions, open_body_skeleton(), point=point).as_json()
 
 
@@ -348,7 +354,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
         has_video=True,
         close_ups=(),
         display=Display(has_trail=True),
-        size=256,
+        picture_height_px=256,
     )
     run(request, callbacks)
     shares = callbacks.shares_of("video")
@@ -366,7 +372,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_every_planted_fault_is_found(tmp_path: Path) -> None:
-    path, reference, speech, transcript = write_faulty_example(tmp_path)
+    path, reference, speech, transcript = write_faulty_example_files(tmp_path)
     request = diagnose_request(
         motions=(Path(path),),
         out=tmp_path / "out",

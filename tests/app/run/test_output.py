@@ -29,7 +29,7 @@ from tests.helpers import ROOT, smooth_motion_example
 def test_results_appear_together_and_only_at_the_end(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with ResultFolder(out) as folder:
-        folder.path("a.txt").write_text("a")
+        folder.new_path("a.txt").write_text("a")
         folder.scratch("speech.wav").write_text("only for the run")
         assert [path for path in out.iterdir() if not path.name.startswith(".")] == []
         files = folder.publish()
@@ -40,7 +40,7 @@ def test_results_appear_together_and_only_at_the_end(tmp_path: Path) -> None:
 def test_a_failed_run_leaves_an_earlier_result_as_it_was_or_no_folder(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("earlier")
     with pytest.raises(KeyError), ResultFolder(tmp_path) as folder:
-        folder.path("a.txt").write_text("half")
+        folder.new_path("a.txt").write_text("half")
         raise KeyError
     assert (tmp_path / "a.txt").read_text() == "earlier"
     with pytest.raises(KeyError), ResultFolder(tmp_path / "new"):
@@ -101,7 +101,7 @@ import sys, time
 from pathlib import Path
 from app.run.output.result_folder import ResultFolder
 with ResultFolder(Path(sys.argv[1])) as folder:
-    folder.path("a.txt").write_text("whole")
+    folder.new_path("a.txt").write_text("whole")
     print("holds", flush=True)
     sys.stdin.readline()
     folder.publish()
@@ -147,7 +147,7 @@ def test_what_a_killed_owner_left_is_no_obstacle(number: signal.Signals, tmp_pat
     first.wait()
     assert (out / LOCK_NAME).exists()
     with ResultFolder(out) as folder:
-        folder.path("b.txt").write_text("whole")
+        folder.new_path("b.txt").write_text("whole")
         folder.publish()
     assert [path.name for path in out.iterdir()] == ["b.txt"]
 
@@ -179,7 +179,15 @@ def test_commands_refuse_a_folder_in_which_another_is_at_work(
         ["generate", str(clips[0]), *common, *made, "--processes", "1"],
         ["diagnose", str(clips[0] / "clip.npz"), *common, "--no-poses"],
         ["diagnose", *map(str, clips), *common, "--processes", "1"],
-        ["steps", str(speech), *common, "--weights", str(weights), "--systems", "globaldiff/local"],
+        [
+            "step-sweep",
+            str(speech),
+            *common,
+            "--weights",
+            str(weights),
+            "--systems",
+            "globaldiff/local",
+        ],
         ["study", "export", str(plan), *common],
     ]
     first = owner(out)

@@ -14,7 +14,7 @@ from PIL import Image
 
 from app.errors import Cancelled, RunError, message_for_user
 from app.findings.metric_table import JERK
-from app.run.bodies import root_transform_of
+from app.run.bodies import alignment_to_origin
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from app.run.frame_packets import HEADER, frames_message
 from app.run.models import get_system, warm_up_in_steps
@@ -85,8 +85,8 @@ def whole(short: Path, weights: Path) -> Whole:
     events: Told = []
     request = generate_request(
         speech=short, out=short.with_name("out"), weights=weights, systems=(WORLD,), steps=1,
-        seed=5, post_filter="savgol", joint="left_elbow", start_frame=5, has_video=True,
-        reference=short.with_name("reference.npz"), size=256,
+        seed=5, post_filter="savgol", tracked_point="left_elbow", start_frame=5, has_video=True,
+        reference=short.with_name("reference.npz"), picture_height_px=256,
     )  # fmt: skip
     return run(request, RunCallbacks(noted(events))), events
 
@@ -126,14 +126,14 @@ def test_a_whole_run_tells_how_far_it_is_and_of_numbers_before_pictures(whole: W
         (
             all("motion" in row.files for row in each.rows) and bool(each.rows),
             each.timeline is not None,
-            bool(each.numbers),
+            bool(each.metrics),
             any(name.endswith(".png") for name in each.files),
             each.state == "done",
         )
         for each in told
     ]
     assert has == sorted(has), "motion, time line, numbers, pictures, end"
-    assert told[-1].numbers[WORLD]["raw"][JERK] == pytest.approx(
+    assert told[-1].metrics[WORLD]["raw"][JERK] == pytest.approx(
         result.diagnostics.systems[WORLD].raw.point.tip_jerk_m_s3
     )
     growing = [row.available for each in told for row in each.rows if row.available is not None]
@@ -154,7 +154,7 @@ def test_a_whole_run_records_what_made_it_and_follows_the_point_that_was_asked_f
     diagnostics = json.loads((result.out / "diagnostics.json").read_text())
     assert diagnostics == result.diagnostics.as_json()
     assert "beat_align" in diagnostics["systems"][WORLD]["raw"]
-    assert result.diagnostics.point == "left_elbow"
+    assert result.diagnostics.tracked_point == "left_elbow"
     with Image.open(result.out / "figure6.png") as picture:
         assert picture.info["Description"].startswith(f"Left elbow, frames 5 to {SHORT - 1}")
     with Image.open(result.out / "jitter.png") as picture:
@@ -167,7 +167,7 @@ def test_figure_6_of_a_finished_run_is_drawn_again_from_its_folder(
 ) -> None:
     run_folder = whole[0].out
     same = FigureRequest(run=run_folder, out=tmp_path / "figure6", body=None)
-    same = replace_fields(same, start_frame=5, figure_forms=("png",))
+    same = replace_fields(same, start_frame=5, figure_formats=("png",))
     picture, caption = redraw_figure6(same)
     assert caption.read_text() == (run_folder / "figure6.txt").read_text()
     narrow = replace_fields(same, figure_panels=("a",), figure_width="85mm")
@@ -175,7 +175,7 @@ def test_figure_6_of_a_finished_run_is_drawn_again_from_its_folder(
     with Image.open(picture) as drawn:
         assert drawn.width == 1003, "85 mm at 300 dpi"
     assert "jerk of each joint" not in caption.read_text()
-    with pytest.raises(RunError, match=f"must be 0 to {SHORT - 1}; got {SHORT}"):
+    with pytest.raises(RunError, match=f"must be from 0 to {SHORT - 1}; got {SHORT}"):
         redraw_figure6(replace_fields(same, figure_frames=(SHORT,)))
 
 
@@ -192,7 +192,11 @@ def test_a_run_without_video_needs_no_gl_and_the_filter_changes_motion_but_no_nu
     ask: Asks, whole: Whole, short: Path, without_gl: None
 ) -> None:
     smooth, _ = whole
-    asked = {"seed": 5, "joint": "left_elbow", "reference": short.with_name("reference.npz")}
+    asked = {
+        "seed": 5,
+        "tracked_point": "left_elbow",
+        "reference": short.with_name("reference.npz"),
+    }
     raw = run(ask(speech=short, systems=(WORLD,), **asked))
     assert names_in(raw.out) == WITHOUT_VIDEO
     assert raw.diagnostics.as_json() == smooth.diagnostics.as_json()
@@ -245,19 +249,28 @@ def test_what_cannot_be_is_refused_with_a_sentence_and_leaves_nothing(
         ({"views": ()}, "No view"),
         ({"sampler": "magic"}, "no sampler 'magic'"),
         ({"post_filter": "blur"}, "no post-filter 'blur'"),
-        ({"words": "guess"}, "no word source 'guess'; choose one of recognise, none"),
+        ({"word_source": "guess"}, "no word source 'guess'; choose one of recognise, none"),
         ({"samples": 0}, "1 to 8; got 0"),
         ({"steps": 0}, "1 to 1000; got 0"),
-        ({"steps": {LOCAL: 1, WORLD: 1001}}, f"Steps of {WORLD} must be 1 to 1000; got 1001"),
+        ({"steps": {LOCAL: 1, WORLD: 1001}}, f"steps of {WORLD} must be from 1 to 1000; got 1001"),
         ({"steps": {"globaldiff/full": 5}}, "globaldiff/full, which is not part of"),
         ({"guidance": 11.0}, "0 to 10; got 11"),
         ({"guidance": float("nan")}, "0 to 10; got nan"),
         ({"seed": -1}, "got -1"),
-        ({"joint": "nose"}, "no point 'nose' to track; choose a fingertip"),
-        ({"start_frame": SHORT}, f"start frame of Figure 6 must be 0 to {SHORT - 1}; got {SHORT}"),
-        ({"start_frame": -1}, f"start frame of Figure 6 must be 0 to {SHORT - 1}; got -1"),
-        ({"size": 254, "has_video": True}, "an even number of pixels from 256 to 1080; got 254"),
-        ({"size": 333, "has_video": True}, "an even number of pixels from 256 to 1080; got 333"),
+        ({"tracked_point": "nose"}, "no point 'nose' to track; choose a fingertip"),
+        (
+            {"start_frame": SHORT},
+            f"start frame of Figure 6 must be from 0 to {SHORT - 1}; got {SHORT}",
+        ),
+        ({"start_frame": -1}, f"start frame of Figure 6 must be from 0 to {SHORT - 1}; got -1"),
+        (
+            {"picture_height_px": 254, "has_video": True},
+            "an even number of pixels from 256 to 1080; got 254",
+        ),
+        (
+            {"picture_height_px": 333, "has_video": True},
+            "an even number of pixels from 256 to 1080; got 333",
+        ),
         ({"weights": Path("/nowhere")}, "No trained systems were found in /nowhere"),
         ({"speech": Path("/nowhere/speech.wav")}, "speech.wav does not exist"),
         ({"reference": Path("/nowhere/m.npz")}, "m.npz does not exist"),
@@ -307,7 +320,7 @@ def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Asks, lo
     assert told == windows + ends
     for row in grown[-1].rows:
         content = (result.out / row.files["frames"]).read_bytes()
-        assert row.available is not None and len(content) == row.available.bytes
+        assert row.available is not None and len(content) == row.available.num_bytes
         messages = []
         while content:
             first, count, faces, *_ = HEADER.unpack_from(content)
@@ -318,7 +331,7 @@ def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Asks, lo
         motion = load_motion(result.out / row.files["motion"])
         each = zip(*messages, strict=True)
         assert tuple(map(b"".join, each)) == parts(frames_message(0, motion)), "to the bit"
-        place = root_transform_of(motion)
+        place = alignment_to_origin(motion)
         assert row.available.root_transform == (place.yaw_rad, *place.translation_m)
 
 
@@ -354,7 +367,7 @@ def test_a_run_that_is_cancelled_leaves_nothing(
 
 @pytest.mark.gl
 def test_cancelling_ends_the_children_that_draw(ask: Asks) -> None:
-    request, told, seen = ask(has_video=True, size=256), [], []
+    request, told, seen = ask(has_video=True, picture_height_px=256), [], []
 
     def should_cancel() -> bool:
         if any(isinstance(e, StageProgress) and e.stage in ("numbers", "video") for e in told):
@@ -399,7 +412,7 @@ def test_figure_6_has_poses_where_no_video_is_drawn(ask: Asks, short: Path) -> N
     assert drawn.count("<image") == 1 and "Snapshots by frame" in drawn and "time (s)" not in drawn
     assert 'width="240.94' in drawn, "85 mm in points"
     late = replace_fields(asked, figure_frames=(3, SHORT), out=asked.output.out / "late")
-    with pytest.raises(RunError, match=f"must be 0 to {SHORT - 1}; got {SHORT}"):
+    with pytest.raises(RunError, match=f"must be from 0 to {SHORT - 1}; got {SHORT}"):
         run(late)
     column = replace_fields(asked, samples=5, figure_panels=tuple(FIGURE_PANELS), figure_frames=())
     with pytest.raises(RunError, match="motions with the panels a,b,c,d is taller than a page"):

@@ -20,9 +20,9 @@ from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun
 from model.motion.motion import load_motion
 from model.plan import editing
-from model.plan.editing import Gesture, add_gesture, gestures
+from model.plan.editing import GestureKey, add_gesture, gestures
 from model.plan.files import read_plan_file, write_plan_file
-from model.plan.kinds import USUAL_STROKE_ENDS
+from model.plan.kinds import USUAL_STROKE_GOALS
 from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
 from model.speech.audio import write_wav
@@ -80,7 +80,7 @@ def test_a_point_is_added_on_a_word_with_the_hand_that_is_asked_for(plan):
 
 
 def test_size_height_speed_and_hold_are_what_editing_makes_of_them(plan):
-    first = Gesture("right", 2.0)
+    first = GestureKey("right", 2.0)
     for told, made in (
         ({"do": "size", "size": 1.3}, editing.scale_gesture(plan, first, 1.3)),
         ({"do": "height", "by": 0.1}, editing.raise_gesture(plan, first, 0.1)),
@@ -189,8 +189,8 @@ def test_what_is_no_edit_is_refused() -> None:
             "`word` cannot be 1.5: input should be",
         ),
         ({"do": "nod", "at": 1, "path": "/etc"}, "no key `path`"),
-        ({"do": ["nod"]}, "There is no edit"),
-        ({}, "There is no edit"),
+        ({"do": ["nod"]}, "There is no kind of edit"),
+        ({}, "There is no kind of edit"),
         ("nod", "must be an object"),
     ]:
         with pytest.raises(RunError, match=match):
@@ -237,7 +237,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     edit = Edit("move", {"side": "right", "lands": 9.0, "at": 9.5})
     take = regenerate_edited(replace_fields(asked, edits=(edit,)), RunCallbacks(noted))
     record = read_run(folder)
-    assert (take.number, record.state) == (1, "done") and record.message
+    assert (take.take_number, record.state) == (1, "done") and record.message
     own, made = record.rows
     assert (made.name, made.label) == (f"{PLANNED}.take1", "version 1") and made.edit is not None
     (part,) = made.edit.regenerated_s
@@ -271,7 +271,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     assert not (elsewhere / made.files["state"]).exists(), "which are large, and made again"
     back = Edit("move", {"side": "right", "lands": 9.5, "at": 9.0})
     again = replace_fields(asked, run=elsewhere, source_row=made.name, edits=(back,))
-    assert regenerate_edited(again, NO_CALLBACKS).number == 2
+    assert regenerate_edited(again, NO_CALLBACKS).take_number == 2
     last = read_run(elsewhere).rows[-1]
     assert last.edit is not None and (last.edit.original_row, last.edit.parent_row) == (
         PLANNED,
@@ -300,7 +300,7 @@ def test_what_cannot_be_leaves_nothing(run: AnyRun, tmp_path: Path) -> None:
 
 def test_each_gesture_of_the_palette_has_a_moving_picture() -> None:
     content = json.loads((WEB_FOLDER / "player" / "gestures.json").read_text())
-    assert content["points"].keys() == USUAL_STROKE_ENDS.keys()
+    assert content["points"].keys() == USUAL_STROKE_GOALS.keys()
     num_points = 1 + max(max(chain) for chain in content["chains"])
     for kind, points in content["points"].items():
         frames = np.frombuffer(base64.b64decode(points), np.uint8).reshape(-1, num_points, 2)

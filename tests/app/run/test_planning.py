@@ -8,7 +8,7 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.run.generated_motions import make_plan
+from app.run.generated_motions import write_plan_from_speech
 from app.run.pipeline import run
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import GenerateRequest
@@ -46,7 +46,7 @@ def test_a_run_leaves_the_plan_that_it_performs_and_a_run_with_it_performs_the_s
     assert read_plan_file(plans[0]).plan.duration_s == 4.0
     other = replace_fields(asked, out=tmp_path / "given", plan=plans[0], systems=(WORLD, PLANNED))
     given = run(other)
-    assert f"{WORLD} does not use gesture plans." in given.notes
+    assert f"{WORLD} does not use gesture plans; plan and style do not apply to it." in given.notes
     first, again = (load_motion(out / f"{STEM}.npz").poses for out in (asked.output.out, given.out))
     np.testing.assert_allclose(first, again, atol=2e-3)  # a file of plans has four decimals
     record = json.loads((given.out / "provenance.json").read_text())
@@ -74,8 +74,8 @@ def test_an_annotators_plan_is_performed_and_what_was_made_of_it_is_told(
 ) -> None:
     empty = tmp_path / "plan.eaf"
     nowhere = tmp_path / "no weights"
-    made = make_plan(
-        plan_request(speech=asked.speech.path, out=empty, weights=nowhere, is_empty=True)
+    made = write_plan_from_speech(
+        plan_request(speech=asked.speech.path, out=empty, weights=nowhere, writes_empty_plan=True)
     ).plan
     assert made == GesturePlan(4.0) == read_plan_file(empty).plan
     assert 'RELATIVE_MEDIA_URL="./speech.wav"' in empty.read_text()
@@ -131,7 +131,7 @@ def test_words_of_a_transcript_reach_the_plan(asked: GenerateRequest, tmp_path: 
             speech=asked.speech.path, out=plan, weights=asked.sampling.weights, seed=seed,
             speaker=asked.sampling.speaker, transcript=said,
         )  # fmt: skip
-        words |= {p.word for side in SIDES for p in make_plan(one).plan.hand(side)}
+        words |= {p.word for side in SIDES for p in write_plan_from_speech(one).plan.hand(side)}
         if words > {""}:
             break
     assert words > {""} and words <= {"", "so", "whole"}
@@ -198,7 +198,9 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
         (many, "--seed, --guidance, --channel and --words"),
     ):
         said = told(motion, out, *flags, status=1)
-        named = said.removeprefix("The plan of a motion file is detected; remove ")
+        named = said.removeprefix(
+            "From a motion file, the plan is detected and not sampled; remove "
+        )
         named = named.removesuffix(".\n")
         assert sorted(named.replace(" and", ",").split(", ")) == sorted(
             left_out.replace(" and", ",").split(", ")
@@ -213,7 +215,7 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
             (),
             "plan.txt ends in '.txt'; a plan file must end in",
         ),
-        (asked.speech.path, plan, ("--guidance", "99"), "Guidance must be 0 to 10; got 99."),
+        (asked.speech.path, plan, ("--guidance", "99"), "Guidance must be from 0 to 10; got 99."),
         (asked.speech.path, plan, ("--seed", "-1"), "must not be negative; got -1"),
         (
             asked.speech.path,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.bodies import TrackedPoint
+from app.run.bodies import PointTracker
 from app.run.display import Display, check_display
 from app.run.examples import CLEAN
 from app.run.upload_check import Upload, file_kind, rejection_reason
@@ -22,7 +22,7 @@ from tests.app.fakes import made_motion
 from tests.model.made import made_waveform
 
 BODY = load_body()
-TIP = TrackedPoint()
+TIP = PointTracker()
 MAX_S = 2.0
 
 
@@ -51,7 +51,10 @@ def test_the_trail_has_dots_where_the_point_jerks():
     trail = trail_of(jump, Display(has_trail=True))
     frames = np.flatnonzero(trail.is_spike)
     assert len(frames) and 27 <= frames.min() <= 30 <= frames.max() <= 32
-    assert trail.points.shape == (60, 3) and trail.speeds.shape == trail.is_spike.shape == (60,)
+    assert trail.points.shape == (
+        60,
+        3,
+    ) and trail.normalized_speeds.shape == trail.is_spike.shape == (60,)
     assert trail.close_up_view == "right_hand"
     assert trail_of(made_motion(60, 0.5), Display(has_trail=True)).is_spike.any()
     for still in (made_motion(60, 0.0), made_motion(2)):  # a clip too short for jerk has none
@@ -67,7 +70,7 @@ def test_colours_follow_the_jerk_of_each_joint_on_a_fixed_scale():
     assert shares[:, JOINT_INDEX["right_wrist"]].mean() > 0.5
     assert shares[:, JOINT_INDEX["left_wrist"]].max() < 1e-3
     assert "500 m/s³" in heat.legend
-    wider = heat_of(made_motion(60, 0.5), Display(coloring="jerk", jerk_m_s3=2000.0))
+    wider = heat_of(made_motion(60, 0.5), Display(coloring="jerk", max_jerk_m_s3=2000.0))
     assert "2000" in wider.legend
     assert np.allclose(wider.normalized_jerk[shares < 1], shares[shares < 1] / 4)
     assert not heat_of(made_motion(2), Display(coloring="jerk")).normalized_jerk.any()
@@ -93,19 +96,19 @@ def test_factor_cut_off_and_length_of_a_trail_are_what_was_asked_for():
     display = Display(2.26, True, cutoff_hz=7.0, trail_frames=12)
     marks = make_overlays(motion, display, TIP, BODY)
     assert marks is not None and marks.trail is not None
-    assert marks.notice == "EXAGGERATED x2.3 above 7 Hz" and marks.trail.num_frames == 12
+    assert marks.notice == "EXAGGERATED x2.3 above 7 Hz" and marks.trail.length_frames == 12
     lower = with_exaggeration(motion, Display(2.26, cutoff_hz=3.0))
     assert np.abs(with_exaggeration(motion, display).poses - lower.poses).max() > 0.005
 
 
 def test_what_cannot_be_shown_is_refused() -> None:
     for display, words in [
-        (Display(exaggeration=21), "factor must be 1 to 20; got 21"),
-        (Display(exaggeration=0.9), "factor must be 1 to 20; got 0.9"),
-        (Display(exaggeration=float("nan")), "factor must be 1 to 20; got nan"),
-        (Display(cutoff_hz=2), "must be 3 to 8 Hz; got 2"),
+        (Display(exaggeration=21), "factor must be from 1 to 20; got 21"),
+        (Display(exaggeration=0.9), "factor must be from 1 to 20; got 0.9"),
+        (Display(exaggeration=float("nan")), "factor must be from 1 to 20; got nan"),
+        (Display(cutoff_hz=2), "must be from 3 to 8 Hz; got 2"),
         (Display(trail_frames=91), "5 to 90 frames long; got 91"),
-        (Display(jerk_m_s3=0), "must be 50 to 2000 m/s³; got 0"),
+        (Display(max_jerk_m_s3=0), "must be from 50 to 2000 m/s³; got 0"),
         (Display(coloring="rainbow"), "no colouring 'rainbow'"),  # type: ignore[arg-type]
     ]:
         with pytest.raises(RunError, match=words):

@@ -13,7 +13,7 @@ import pytest
 
 from app.errors import Cancelled, DiskFullError, RunError
 from app.findings.metric_table import JERK, TITLES
-from app.run.batch.saved_run import LIMITS, copy_run, find_run_folder, reopen_requests
+from app.run.batch.saved_run import LIMITS, copy_run, open_run_folder, reopen_requests
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent
 from app.run.frame_packets import HEADER
 from app.run.output.run_folder import (
@@ -102,7 +102,10 @@ def test_a_record_of_format_1_opens_with_its_request_in_parts(tmp_path):
     assert read.request["sampling"] == {
         "systems": ["gan/5"], "seed": 4, "steps": {"gan/5": 2}, "sampler": None,
     }  # fmt: skip
-    assert read.request["speech"] == {"path": "talk.wav"} and read.request["joint"] == "left_index"
+    assert (
+        read.request["speech"] == {"path": "talk.wav"}
+        and read.request["tracked_point"] == "left_index"
+    )
     assert read.request["imports"] == {"import_overrides": {"says": [["", "up", "z"]]}}
 
 
@@ -115,10 +118,10 @@ def test_a_record_of_format_2_opens_with_the_keys_of_its_metrics(tmp_path):
     assert read.settings["tracked point"] == "right middle fingertip"
     assert (read.settings["speech"], read.settings["steps"]) == ("usual", "default")
     assert read.settings["speech guidance scale"] == "2"
-    assert read.format == 4 and read.numbers.keys() == old["numbers"].keys()
+    assert read.format == 4 and read.metrics.keys() == old["numbers"].keys()
     for name, of in old["numbers"].items():
         for version, values in of.items():
-            own = read.numbers[name][version]
+            own = read.metrics[name][version]
             assert list(own.values()) == list(values.values())
             assert own.keys() <= TITLES.keys()
             assert (own[JERK], own["foot_sliding_cm_s"]) == (
@@ -146,7 +149,7 @@ def test_a_record_of_format_3_opens_under_the_present_keys(tmp_path):
     assert (read.format, read.kind, read.message, read.audio) == (
         4, "imported", "Done.", "speech.wav",
     )  # fmt: skip
-    assert read.inputs_sha256 == "a" * 64 and read.figure_captions == {"step": "Less."}
+    assert read.inputs_stamp == "a" * 64 and read.figure_captions == {"step": "Less."}
     assert read.verdict is not None and read.verdict.comparison == "2"
     assert read.findings[0].worst_time_s == 1.5
     (own,) = read.rows
@@ -154,12 +157,12 @@ def test_a_record_of_format_3_opens_under_the_present_keys(tmp_path):
         "input_plan": "a.plan.json", "editor": "a.told.json", "state": "a.state.npz",
     }  # fmt: skip
     assert own.available == FramesAvailable(
-        num_ready=3, num_frames=4, bytes=5, root_transform=(0, 1, 2, 3)
+        num_ready=3, num_frames=4, num_bytes=5, root_transform=(0, 1, 2, 3)
     )
     assert own.edit == EditInfo(
-        number=1, original_row="a", parent_row="b", regenerated_s=[(0.5, 1.0)]
+        take_number=1, original_row="a", parent_row="b", regenerated_s=[(0.5, 1.0)]
     )
-    assert own.assumptions[0]["value"] == "z" and own.file_suffix == ".bvh"
+    assert own.assumptions[0]["value"] == "z" and own.source_suffix == ".bvh"
 
 
 def test_names_are_harmless_and_no_link_leads_out(tmp_path):
@@ -205,22 +208,22 @@ def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_pat
             path = existing_file(tmp_path, first.files["frames"])
             assert path is not None and first.available is not None and told.state == "running"
             size = path.stat().st_size
-            assert (first.available.num_ready, first.available.bytes) == (
+            assert (first.available.num_ready, first.available.num_bytes) == (
                 end,
                 size,
             ) and second.available is None
         assert size == 3 * HEADER.size + 37 * 504
         for video, row in (("first.mp4", NAMES[0]), ("first.side.mp4", "")):
-            run.folder.path(video).touch()
-            run.add_files(run.folder.path(video), row=row, kind="video")
+            run.folder.new_path(video).touch()
+            run.add_files(run.folder.new_path(video), row=row, kind="video")
         assert run.record.rows[0].files["video"] == "first.mp4"
         run.write_motion(NAMES[0], motion, "first.npz")
         run.write_motion(NAMES[1], motion)
         first, second, _ = read_run(tmp_path).rows
-        assert first.available is not None and first.available.bytes == size, (
+        assert first.available is not None and first.available.num_bytes == size, (
             "it is not written again"
         )
-        assert second.available is not None and second.available.bytes == HEADER.size + 37 * 504
+        assert second.available is not None and second.available.num_bytes == HEADER.size + 37 * 504
         assert second.available.root_transform == pytest.approx(first.available.root_transform)
         run.finish("Done.")
     assert (tmp_path / "first.npz").is_file() and read_run(tmp_path).state == "done"
@@ -242,7 +245,7 @@ def test_a_run_that_ends_early_keeps_what_is_whole_only_where_that_was_asked_for
         ):
             run.declare_rows(["a"])
             run.write_motion("a", made_motion(8), "a.npz")
-            run.folder.path("half.npz").touch()
+            run.folder.new_path("half.npz").touch()
             raise error
         assert out.is_dir() == is_incremental
     told = read_run(tmp_path / "True")
@@ -276,7 +279,9 @@ def test_the_gravest_findings_come_first_each_with_its_second_and_what_is_usual_
             Finding("It trembles.", {}, "rare", kind="noise", limit_ratio=9.0),
         ],
     }
-    told = [(each.name, each.sentence, each.worst_time_s) for each in finding_records(findings)]
+    told = [
+        (each.motion_name, each.sentence, each.worst_time_s) for each in finding_records(findings)
+    ]
     assert told == [
         ("b", "A hand is in the chest.", None),
         ("a", "It jumps (rare).", 1.5),
@@ -327,8 +332,8 @@ def make_results(speech: Path, folder: Path) -> None:
     with open_run_writer(out, read_run(out), is_incremental=True) as writer:
         writer.write_plan("gan/5", GesturePlan(2.0, (REST,), (REST,)))
         writer.write_timeline(json.loads((out / "timeline.json").read_text()), SAID)
-        writer.folder.path("jitter.png").touch()
-        writer.add_files(writer.folder.path("jitter.png"))
+        writer.folder.new_path("jitter.png").touch()
+        writer.add_files(writer.folder.new_path("jitter.png"))
         writer.finish("Done.")
 
 
@@ -344,7 +349,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
         anew.motions.source_run is not None
         and read_transcript_of_run(anew.motions.source_run) == SAID
     )
-    assert anew.speech.path is not None and load_speech(anew.speech.path).num_frames >= 60
+    assert anew.speech.path is not None and load_speech(anew.speech.path).num_motion_frames >= 60
     told = make_run_record(anew)
     assert str(tmp_path) not in told.model_dump_json(), "no folder is told"
     old = read_run(results)
@@ -353,7 +358,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
     result = run(anew)
     shown = read_run(tmp_path / "again")
     assert [each.name for each in shown.rows] == ["gan/5", "reference"]
-    assert "input_plan" in shown.rows[0].files and "measured again" in shown.message
+    assert "input_plan" in shown.rows[0].files and shown.message.endswith("again.")
     words = json.loads((tmp_path / "again/timeline.json").read_text())["words"]
     assert words == [[0.2, 0.5, "<b>hello"]] and result.diagnostics.reference is not None
     kept, again = (
@@ -397,7 +402,7 @@ def test_only_a_zip_of_runs_is_taken_for_one_and_a_run_of_ones_own_is_shown_as_i
 def test_of_a_run_s_zip_only_what_its_record_names_is_unpacked(tmp_path: Path) -> None:
     (row,) = make_rows(["a"])
     row.files = {"motion": "a.npz"}
-    RunRecord(kind="imported", point="right_wrist", rows=[row], files=["a.npz"]).write(
+    RunRecord(kind="imported", tracked_point="right_wrist", rows=[row], files=["a.npz"]).write(
         tmp_path / RUN
     )
     for clips in (("",), ("x/", "y/")):
@@ -409,21 +414,21 @@ def test_of_a_run_s_zip_only_what_its_record_names_is_unpacked(tmp_path: Path) -
                 archive.writestr(f"{clip}bomb.npz", bytes(10**6))
                 archive.writestr(f"{clip}other/deep/deeper/{RUN}", bytes(10**6))
         into = tmp_path / f"into {len(clips)}"
-        find_run_folder(path, into)
+        open_run_folder(path, into)
         there = {each.relative_to(into).as_posix() for each in into.rglob("*") if each.is_file()}
         assert there == {clip + name for clip in clips for name in (RUN, "a.npz")}
     assert LIMITS.min_free_bytes > 0
     with pytest.raises(DiskFullError):
-        find_run_folder(path, tmp_path / "full", limits=replace(LIMITS, min_free_bytes=2**60))
+        open_run_folder(path, tmp_path / "full", limits=replace(LIMITS, min_free_bytes=2**60))
 
 
 def test_what_a_file_s_name_ends_in_never_makes_a_run_that_cannot_be_read(tmp_path: Path) -> None:
     (row,) = make_rows(["a"])
     for name, ending in (("a.BVH", ".bvh"), ("a.npz-copy_of_a_run", ""), ("a", ""), ("a.b c", "")):
-        row.file_suffix = safe_suffix(Path(name))
-        assert row.file_suffix == ending
-        RunRecord(kind="imported", point="right_wrist", rows=[row]).write(tmp_path / RUN)
-        assert read_run(tmp_path).rows[0].file_suffix == ending
+        row.source_suffix = safe_suffix(Path(name))
+        assert row.source_suffix == ending
+        RunRecord(kind="imported", tracked_point="right_wrist", rows=[row]).write(tmp_path / RUN)
+        assert read_run(tmp_path).rows[0].source_suffix == ending
 
 
 def test_rows_that_would_share_their_files_are_refused(tmp_path, weights):

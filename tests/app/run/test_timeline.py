@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.run.bodies import TrackedPoint, make_tracked_point
+from app.run.bodies import PointTracker, make_point_tracker
 from app.run.timeline import (
     derivative_curve,
     make_timeline,
@@ -76,9 +76,9 @@ KINDS = ("raw", "savgol")
 
 
 def test_the_time_line_holds_every_motion_raw_and_filtered():
-    tip = TrackedPoint()
+    tracker = PointTracker()
     speech = Speech(made_waveform(16_000 * 2), "sha")
-    timeline = make_timeline(speech, {"a": made_motion(60), "b": made_motion(45)}, "raw", tip)
+    timeline = make_timeline(speech, {"a": made_motion(60), "b": made_motion(45)}, "raw", tracker)
     assert timeline["duration_s"] == 2.0
     raw, filtered = (timeline["curves"]["a"][kind]["jerk_m_s3"]["values"] for kind in KINDS)
     assert len(raw) == len(filtered) == 57
@@ -88,7 +88,7 @@ def test_the_time_line_holds_every_motion_raw_and_filtered():
     assert timeline["worst"][0]["end_s"] - timeline["worst"][0]["start_s"] == 1.0
     assert all(0 <= onset <= 2 for onset in timeline["onsets_s"])
     json.dumps(timeline, allow_nan=False)
-    alone = make_timeline(None, {"a": made_motion(60)}, "savgol", tip)
+    alone = make_timeline(None, {"a": made_motion(60)}, "savgol", tracker)
     assert list(alone["curves"]["a"]) == ["savgol"], "nothing is claimed to be raw"
     assert (alone["peaks"], alone["duration_s"]) == ([], 2.0)
 
@@ -100,7 +100,7 @@ def test_phones_and_accents_are_handed_on_and_those_that_are_heard_told_with_the
     assert told["phones"] == [(0.2, 0.3, "N"), (0.3, 0.6, "OW1")]
     assert told["accents"] == [(0.31, 0.8)]
     speech = load_speech(ROOT / "examples" / "the_huge_box.wav")
-    line = make_timeline(speech, {"a": made_motion(8)}, "raw", TrackedPoint(), BUNDLED_WEIGHTS)
+    line = make_timeline(speech, {"a": made_motion(8)}, "raw", PointTracker(), BUNDLED_WEIGHTS)
     heard = line["heard_accents"]
     assert heard and all(0 < at < speech.duration_s and 0 <= much <= 1 for at, much in heard)
 
@@ -162,7 +162,7 @@ def test_a_snap_is_the_worst_second_where_it_is_the_gravest_finding_and_else_amo
 def test_with_a_licensed_body_the_curves_follow_its_vertex_as_the_numbers_do(tmp_path):
     body_path, motion = tmp_path / "SMPLX_NEUTRAL.npz", smooth_motion_example(37)
     expanded_to_smplx(load_body(), body_path)
-    vertex = make_tracked_point(body_path)
-    rigid = TrackedPoint()
+    vertex = make_point_tracker(body_path)
+    rigid = PointTracker()
     curves = make_timeline(None, {"a": motion}, "raw", vertex)["curves"]["a"]["raw"]
     assert curves == point_curves(vertex.track(motion)) != point_curves(rigid.track(motion))

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 from app.errors import Cancelled, RunError
 from app.run.bodies import (
     FOOT_JOINT_HEIGHT_M,
-    TrackedPoint,
+    PointTracker,
     align_and_cut_motions,
     align_to_origin,
+    alignment_to_origin,
     body_motion,
-    root_transform_of,
 )
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks, StageProgress
 from app.run.display import MAX_SHOWN, Mode, ViewerBody, ViewerPanel, ViewerSettings, ViewerState
@@ -55,22 +55,26 @@ PANELS = (
     ViewerPanel(view="right_hand", rect=(0, 100, 40, 40)),
     ViewerPanel(view="left_hand", rect=(40, 100, 40, 40)),
 )
-BODIES = tuple(ViewerBody(label=label, motion="", color="#d55e00") for label in "abc")
-GRID = ViewerState(bodies=BODIES, visible=(0, 1), size=(80.0, 140.0), panels=(PANELS,), columns=2)
+BODIES = tuple(ViewerBody(label=label, motion_url="", color="#d55e00") for label in "abc")
+GRID = ViewerState(
+    bodies=BODIES, visible=(0, 1), picture_size=(80.0, 140.0), panels=(PANELS,), columns=2
+)
 BESIDE = ViewerPanel(rect=(40, 0, 80, 100)), ViewerPanel(view="right_hand", rect=(0, 0, 40, 100))
 
 
 def changed(seen: ViewerState, **changes: Any) -> ViewerState:
     """Another, of which some is another way; of its look, too."""
-    look = {
+    settings = {
         name: changes.pop(name) for name in list(changes) if name in ViewerSettings.model_fields
     }
-    return seen.model_copy(update={"look": seen.look.model_copy(update=look), **changes})
+    return seen.model_copy(
+        update={"settings": seen.settings.model_copy(update=settings), **changes}
+    )
 
 
 PAIR = changed(
     GRID,
-    size=(160.0, 100.0),
+    picture_size=(160.0, 100.0),
     panels=(
         BESIDE,
         (BESIDE[0], ViewerPanel(view="right_hand", rect=(120, 0, 40, 100))),
@@ -102,7 +106,9 @@ def test_motions_of_other_places_are_laid_onto_each_other() -> None:
         np.testing.assert_allclose(np.median(own[:, 0], axis=0)[[0, 2]], 0.0, atol=1e-5)
         feet = own[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]], 1].min(axis=1)
         assert np.median(feet) == pytest.approx(FOOT_JOINT_HEIGHT_M, abs=1e-5)
-        again = root_transform_of(align_to_origin(elsewhere))  # what a player is told has been done
+        again = alignment_to_origin(
+            align_to_origin(elsewhere)
+        )  # what a player is told has been done
         assert again.yaw_rad == pytest.approx(0, abs=1e-4)
         assert again.translation_m == pytest.approx((0, 0, 0), abs=1e-4)
 
@@ -134,7 +140,7 @@ def test_all_bodies_of_a_run_are_in_register(
     body = load_body()
     motion = load_motion(CLEAN).part(slice(40))
     elsewhere = moved(motion, 120.0)
-    tip = TrackedPoint()
+    tracker = PointTracker()
     asked = generate_request(
         speech=tmp_path / "s.wav", out=tmp_path / "out", views=("front", "side"), has_video=True
     )
@@ -143,7 +149,7 @@ def test_all_bodies_of_a_run_are_in_register(
         viewer_motions=staged,
         body=body,
         audio_path=tmp_path / "s.wav",
-        tracked_point=tip,
+        tracker=tracker,
         align=align_to_origin,
     )
     run: Any = RunCallbacks()
@@ -237,15 +243,15 @@ def test_what_no_stage_shows_is_refused() -> None:
         ({"visible": ()}, "the viewer shows 0"),
         ({"visible": (0, 3)}, "views do not match the bodies"),
         ({"visible": (-1,)}, "greater than or equal to 0"),
-        ({"size": (10.0, 420.0)}, "greater than or equal to 64"),
+        ({"picture_size": (10.0, 420.0)}, "greater than or equal to 64"),
         ({"panels": (PANELS, PANELS)}, "views do not match the bodies"),
         ({"panels": (PANELS[1:],)}, "views do not match the bodies"),
         ({"panels": ((body, right, right),)}, "views do not match the bodies"),
         ({"panels": ((ViewerPanel(rect=(0, 0, 900, 100)),),)}, "The body does not fit"),
         ({"panels": ((body, thin),)}, "right hand does not fit"),
-        ({"exaggeration": 50.0}, "factor must be 1 to 20; got 50"),
+        ({"exaggeration": 50.0}, "factor must be from 1 to 20; got 50"),
         ({"tone": "green"}, "'light', 'medium', 'dark' or 'clay'"),
-        ({"camera": (0.0, 0.0, 99.0, 0.0, 0.0)}, "zoom must be 0.4 to 10; got 99"),
+        ({"camera": (0.0, 0.0, 99.0, 0.0, 0.0)}, "zoom must be from 0.4 to 10; got 99"),
     ]:
         with pytest.raises(RunError, match=words):
             ViewerState.parse(
@@ -313,7 +319,7 @@ def test_a_pair_stands_pelvis_on_pelvis(tmp_path: Path, mode: Mode) -> None:
     seen = changed(PAIR, mode=mode)
     frames, alone, apart = (
         drawn(asked(tmp_path, each, first, second))
-        for each in (seen, changed(seen, visible=(0, 0)), changed(seen, is_aligned=False))
+        for each in (seen, changed(seen, visible=(0, 0)), changed(seen, is_pair_aligned=False))
     )
     wide = frames.shape[2]
     middle, beside = np.s_[:, :, wide // 4 : 3 * wide // 4], np.s_[:, :, 3 * wide // 4 + 4 :]
@@ -342,7 +348,9 @@ def test_pictures_are_as_large_as_a_screen_has_room_for_but_small_ones_half_as_l
     ]:
         panels = ((ViewerPanel(rect=(0, 0, *size)),),)
         shown = {"visible": tuple(range(count)), "columns": columns}
-        room = viewer_recording._VideoLayout.of(changed(GRID, size=size, panels=panels, **shown))
+        room = viewer_recording._VideoLayout.of(
+            changed(GRID, picture_size=size, panels=panels, **shown)
+        )
         assert room.width % 2 == room.height % 2 == 0
         assert room.width / room.height == pytest.approx(size[0] / size[1], rel=0.02)
         rows, band = -(-count // columns), label_band_height(min(room.width, room.height))
@@ -364,7 +372,7 @@ def test_a_long_video_is_cut_and_says_so() -> None:
 def test_too_small_bodies_are_refused_and_drawing_stops_when_it_is_told_to(tmp_path: Path) -> None:
     face = ViewerPanel(view="face", rect=(0, 10, 1000, 990))
     panels = ((ViewerPanel(rect=(0, 0, 10, 10)), face),)
-    seen = changed(GRID, size=(1000.0, 1000.0), panels=panels)
+    seen = changed(GRID, picture_size=(1000.0, 1000.0), panels=panels)
     with pytest.raises(RunError, match="cannot be recorded at this size"):
         draw_viewer_video(asked(tmp_path, seen), NO_CALLBACKS)
     told: list[object] = []

@@ -8,7 +8,7 @@ import pytest
 
 from app.errors import RunError
 from app.run.batch.saved_run import copy_run
-from app.run.output.run_folder import TIMELINE, edit_record
+from app.run.output.run_folder import TIMELINE, locked_record
 from app.run.plan_edits.edited_motion import plan_editor_json
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan, HandPhase
@@ -45,7 +45,7 @@ def run(tmp_path: Path) -> Path:
     write_plan_file(GesturePlan(2.0, right=(rest,)), folder / PLAN)
     data = plan_editor_json(read_plan_file(folder / PLAN).plan, [Word(0.0, 1.0, "one")])
     (folder / EDITOR).write_text(json.dumps(data))
-    with edit_record(folder) as record:
+    with locked_record(folder) as record:
         record.rows[0].files |= {"plan": PLAN, "input_plan": PLAN, "editor": EDITOR}
         record.files += [PLAN, EDITOR]
     return folder

@@ -12,7 +12,7 @@ from app.run.examples import CLEAN
 from app.run.pipeline import run
 from app.run.timeline import TranscriptLoader
 from model.speech.audio import load_speech, write_wav
-from model.speech.transcript import EMPTY_TRANSCRIPT, TranscriptError, read_transcript
+from model.speech.transcript import EMPTY_TRANSCRIPT, TranscriptError, read_textgrid_transcript
 
 GRID = CLEAN.with_suffix(".TextGrid")
 SAID = EXAMPLES / "three_reasons.wav"
@@ -24,7 +24,7 @@ def never() -> None:
 
 def test_a_textgrid_wins_and_unasked_nothing_is_looked_for() -> None:
     for given, asked in [(GRID, "recognise"), (None, "none")]:
-        expected = EMPTY_TRANSCRIPT if given is None else read_transcript(given)
+        expected = EMPTY_TRANSCRIPT if given is None else read_textgrid_transcript(given)
         with TranscriptLoader(given, asked) as words:
             assert not words.needs_speech
             words.begin(load_speech(SAID).waveform)
@@ -60,7 +60,9 @@ def test_who_stops_a_run_ends_the_looking_for_words() -> None:
 
 def test_a_run_recognises_its_words_where_that_is_asked_for(ask, tmp_path: Path) -> None:
     write_wav(tmp_path / "begin.wav", load_speech(SAID).waveform[: 16_000 * 3])
-    asked = ask(speech=tmp_path / "begin.wav", systems=("globaldiff/local",), words="recognise")
+    asked = ask(
+        speech=tmp_path / "begin.wav", systems=("globaldiff/local",), word_source="recognise"
+    )
     result = run(asked)
     assert result.transcript.origin == "recognised" and len(result.transcript.words) > 5
     told = json.loads((asked.output.out / "diagnostics.json").read_text())
@@ -72,5 +74,5 @@ def test_a_run_recognises_its_words_where_that_is_asked_for(ask, tmp_path: Path)
     count = len(result.transcript.words)
     assert provenance["speech"]["words"] == {"origin": "recognised", "count": count}
     options = provenance["options"]
-    assert (options["words"], options["transcript"]) == ("recognise", None)
+    assert (options["word_source"], options["transcript"]) == ("recognise", None)
     assert provenance["versions"]["pocketsphinx"][0] == "5"

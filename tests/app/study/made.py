@@ -63,7 +63,7 @@ def made_key(protocol: Any = "pairwise", num_clips: int = 4, num_lists: int = 4)
     }
     trials |= {"check0": LEFT_CHECK, "check1": LEFT_CHECK}
     return StudyKey(
-        study="0123456789abcdef",
+        study_id="0123456789abcdef",
         title="Three <systems> & a study",
         protocol=protocol,
         systems=SYSTEMS,
@@ -72,7 +72,7 @@ def made_key(protocol: Any = "pairwise", num_clips: int = 4, num_lists: int = 4)
         trials=trials,
         lists={number: tuple(trials) for number in range(num_lists)},
         attention_rule=AttentionRule(1),
-        participants=num_lists,
+        num_participants_planned=num_lists,
     )
 
 
@@ -81,7 +81,11 @@ def made_files(
 ) -> list[dict[str, Any]]:
     """What so many raters of known strengths send."""
     rng = np.random.default_rng(seed)
-    return list(simulate_answers(key, STRENGTHS, count, model or RaterModel(lapse=0), rng))
+    return list(
+        simulate_answers(
+            key, STRENGTHS, count, model or RaterModel(check_failure_probability=0), rng
+        )
+    )
 
 
 def made_participants(
@@ -90,7 +94,7 @@ def made_participants(
     """The same, read."""
     files = made_files(key, count, model, seed)
     sent = [parse_json(json.dumps(content), Participant) for content in files]
-    return [drop_invalid_answers(replace(one, source="made.json"), key)[0] for one in sent]
+    return [drop_invalid_answers(replace(one, file_name="made.json"), key)[0] for one in sent]
 
 
 def made_votes(

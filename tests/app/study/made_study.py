@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from app.study.design.key import read_key, write_key
-from app.study.design.plan import read_plan
+from app.study.design.plan import read_study_plan
 from app.study.export import export_study
 from app.study.make.bundle import DATA, DATA_START
+from app.study.make.export_folders import ExportFolders
 from app.study.make.media import set_fixed_mtime
-from app.study.make.workspace import Workspace
 from model.motion.motion import save_motion
 from model.speech.audio import write_wav
 from model.storage.files import file_sha256
@@ -98,48 +98,48 @@ def make_study(
 ) -> Path:
     """A whole export in ``folder/study``."""
     write_inputs(folder, systems, clips)
-    plan = read_plan(write_plan(folder, systems, clips, settings))
+    plan = read_study_plan(write_plan(folder, systems, clips, settings))
     export_study(plan, folder / "study", draw=draw_noise)
     return folder / "study"
 
 
-def copy_study(study: Path, out: Path) -> Workspace:
+def copy_study(study: Path, out: Path) -> ExportFolders:
     """A copy to plant something in; times are kept."""
     shutil.copytree(study, out)
-    return Workspace(out)
+    return ExportFolders(out)
 
 
-def video_of(workspace: Workspace, system: str, clip: str) -> Path:
+def video_of(folders: ExportFolders, system: str, clip: str) -> Path:
     """One of the videos that shows this."""
-    videos = read_key(workspace.key).videos.items()
+    videos = read_key(folders.key).videos.items()
     blind = next(name for name, v in videos if (v.system, v.clip) == (system, clip))
-    return workspace.video(blind)
+    return folders.video(blind)
 
 
-def accept_video(workspace: Workspace, video: Path) -> None:
+def accept_video(folders: ExportFolders, video: Path) -> None:
     """Make the key say that a changed video is as it should be."""
-    key = read_key(workspace.key)
+    key = read_key(folders.key)
     changed = replace(key.videos[video.stem], sha256=file_sha256(video))
-    write_key(replace(key, videos={**key.videos, video.stem: changed}), workspace.key)
+    write_key(replace(key, videos={**key.videos, video.stem: changed}), folders.key)
     set_fixed_mtime(video)
 
 
-def rename_videos(workspace: Workspace, names: dict[str, str]) -> None:
+def rename_videos(folders: ExportFolders, names: dict[str, str]) -> None:
     """Give videos other names, wherever they are written."""
-    text = workspace.key.read_text()
-    data = (workspace.bundle / DATA).read_text()
+    text = folders.key.read_text()
+    data = (folders.bundle / DATA).read_text()
     for old, new in names.items():
-        workspace.video(old).rename(workspace.video(new))
+        folders.video(old).rename(folders.video(new))
         text, data = text.replace(old, new), data.replace(old, new)
-    workspace.key.write_text(text)
-    (workspace.bundle / DATA).write_text(data)
-    set_fixed_mtime(workspace.bundle / DATA)
-    set_fixed_mtime(workspace.media)
+    folders.key.write_text(text)
+    (folders.bundle / DATA).write_text(data)
+    set_fixed_mtime(folders.bundle / DATA)
+    set_fixed_mtime(folders.media)
 
 
-def change_data(workspace: Workspace, change: Callable[[dict], None]) -> None:
+def change_data(folders: ExportFolders, change: Callable[[dict], None]) -> None:
     """Change what the page's script reads."""
-    path = workspace.bundle / DATA
+    path = folders.bundle / DATA
     data = json.loads(path.read_text().removeprefix(DATA_START).rstrip().removesuffix(";"))
     change(data)
     path.write_text(f"{DATA_START}{json.dumps(data)};\n")

@@ -10,14 +10,14 @@ import pytest
 from app.errors import RunError
 from app.study.design import blinding
 from app.study.design.blinding import (
+    blind_id_leaks,
     make_key,
-    order_leaks,
-    order_probability,
+    order_p_value,
     stimulus_ids,
     value_leaks,
 )
 from app.study.design.key import Stimulus
-from app.study.design.plan import Plan, read_plan
+from app.study.design.plan import StudyPlan, read_study_plan
 from app.study.design.trials import (
     ANSWER_S,
     INTRO_S,
@@ -38,9 +38,9 @@ PROTOCOLS = ("pairwise", "matched", "ranking", "rating")
 
 def design_of(
     folder: Path, protocol: str, extra: str = "", participants: int = 36
-) -> tuple[Plan, Design]:
+) -> tuple[StudyPlan, Design]:
     settings = f'protocol = "{protocol}"\nparticipants = {participants}\n{extra}'
-    plan = read_plan(write_plan(folder, SYSTEMS, CLIPS, settings))
+    plan = read_study_plan(write_plan(folder, SYSTEMS, CLIPS, settings))
     return plan, make_design(plan)
 
 
@@ -80,12 +80,12 @@ def test_the_balance_of_lists_is_told_as_it_is():
         return measure_balance(Design((), (), lists))
 
     fair = balance((first, check, Page(1, (four, three))), (second, Page(0, (two, one))))
-    assert fair.trial_position_spread == fair.follows_spread == fair.appearances_spread == 0
+    assert fair.trial_position_spread == fair.succession_spread == fair.appearances_spread == 0
     assert fair.first_place_spread_within_trial == 0
     assert fair.first_place_unfairness == 0.0
     assert fair.first_place_shares == {"one": 0.5, "two": 0.5}
     unfair = balance((first, second), (first, second))
-    assert unfair.trial_position_spread == unfair.follows_spread == 2
+    assert unfair.trial_position_spread == unfair.succession_spread == 2
     assert unfair.first_place_spread_within_trial == 2
     assert unfair.first_place_unfairness == 1.0
     assert unfair.first_place_shares == {"one": 1.0, "two": 0.0}
@@ -96,7 +96,7 @@ def test_pairs_are_silent_and_complete(tmp_path):
     pairs = [trial for trial in design.trials if trial.kind == "pair"]
     assert len({frozenset(trial.stimuli) for trial in pairs}) == len(pairs) == 6 * 3 * 2
     assert len(design.stimuli) == 4 * 3 * 2
-    assert all(stimulus.speech is None for stimulus in design.stimuli)
+    assert all(stimulus.speech_clip is None for stimulus in design.stimuli)
     for left, right in (trial.stimuli for trial in pairs):
         assert left.system != right.system
         assert (left.clip, left.view) == (right.clip, right.view)
@@ -109,8 +109,8 @@ def test_matched_trials_change_the_speech_alone(tmp_path):
     for trial in matches:
         first, second = trial.stimuli
         assert (first.system, first.clip, first.view) == (second.system, second.clip, second.view)
-        assert sorted(s.speech == s.clip for s in trial.stimuli) == [False, True]
-    heard = Counter(s.speech for s in design.stimuli if s.speech != s.clip)
+        assert sorted(s.speech_clip == s.clip for s in trial.stimuli) == [False, True]
+    heard = Counter(s.speech_clip for s in design.stimuli if s.speech_clip != s.clip)
     assert set(heard.values()) == {4}  # each speech is as often wrong as right
 
 
@@ -121,7 +121,7 @@ def test_whole_groups_are_shown_with_their_speech(tmp_path):
         assert len(groups) == 3
         for trial in groups:
             assert {stimulus.system for stimulus in trial.stimuli} == set(SYSTEMS)
-            assert all(stimulus.speech == stimulus.clip for stimulus in trial.stimuli)
+            assert all(stimulus.speech_clip == stimulus.clip for stimulus in trial.stimuli)
 
 
 def test_lists_are_balanced_in_order_and_side(tmp_path):
@@ -131,7 +131,7 @@ def test_lists_are_balanced_in_order_and_side(tmp_path):
         # 36 participants are whole squares of 18, 12 and 3 trials.
         assert (
             balance.trial_position_spread
-            == balance.follows_spread
+            == balance.succession_spread
             == balance.appearances_spread
             == 0
         )
@@ -209,8 +209,8 @@ def test_names_that_would_tell_the_system_by_their_order_are_drawn_again(tmp_pat
         lambda count, size: first.pop() if size == 8 and first else distinct(count, size),
     )
     names = stimulus_ids(make_key(plan, design))
-    assert order_leaks(dict(zip(design.stimuli, telling, strict=True))) and not first
-    assert not set(names.values()) & set(telling) and not order_leaks(names)
+    assert blind_id_leaks(dict(zip(design.stimuli, telling, strict=True))) and not first
+    assert not set(names.values()) & set(telling) and not blind_id_leaks(names)
 
 
 def test_what_a_study_asks_is_counted_as_by_hand(tmp_path):
@@ -233,11 +233,11 @@ def test_what_a_study_asks_is_counted_as_by_hand(tmp_path):
 
 def test_the_probability_of_perfect_agreement_is_exact():
     scene = {"a": 1.0, "b": 2.0, "c": 3.0}
-    assert order_probability([scene]) == 1.0
-    assert order_probability([scene] * 2) == pytest.approx(1 / 6)
-    assert order_probability([scene] * 4) == pytest.approx(1 / 6**3)
-    assert order_probability([{"a": 1.0, "b": 2.0}] * 8) == pytest.approx(1 / 2**7)
-    assert order_probability([dict.fromkeys("abc", 5.0)] * 6) == 1.0  # equal values tell nothing
+    assert order_p_value([scene]) == 1.0
+    assert order_p_value([scene] * 2) == pytest.approx(1 / 6)
+    assert order_p_value([scene] * 4) == pytest.approx(1 / 6**3)
+    assert order_p_value([{"a": 1.0, "b": 2.0}] * 8) == pytest.approx(1 / 2**7)
+    assert order_p_value([dict.fromkeys("abc", 5.0)] * 6) == 1.0  # equal values tell nothing
 
 
 def test_an_order_by_match_is_seen_even_when_systems_are_mixed():

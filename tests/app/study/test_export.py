@@ -16,11 +16,11 @@ from app.errors import Cancelled, RunError
 from app.run.callbacks import RunCallbacks
 from app.study.design.blinding import NOT_RENDERED
 from app.study.design.key import read_key, write_key
-from app.study.design.plan import Plan, read_plan
+from app.study.design.plan import StudyPlan, read_study_plan
 from app.study.export import export_study
-from app.study.leaks import check_study
+from app.study.leaks import find_leaks
 from app.study.make import media
-from app.study.make.workspace import Workspace
+from app.study.make.export_folders import ExportFolders
 from model.motion.motion import load_motion, save_motion
 from model.speech.audio import write_wav
 from model.storage.files import file_sha256
@@ -50,13 +50,13 @@ def inputs(tmp_path: Path) -> Path:
     return tmp_path / "inputs"
 
 
-def plan_of(folder: Path, settings: str = "", clips: list[str] = HERE) -> Plan:
-    return read_plan(write_plan(folder, TWO, clips, settings))
+def plan_of(folder: Path, settings: str = "", clips: list[str] = HERE) -> StudyPlan:
+    return read_study_plan(write_plan(folder, TWO, clips, settings))
 
 
-def whole_plan(study: Path) -> Plan:
+def whole_plan(study: Path) -> StudyPlan:
     """That of the study that all tests share."""
-    return read_plan(study.parent / "plan.toml")
+    return read_study_plan(study.parent / "plan.toml")
 
 
 def kill_at(number: int):
@@ -73,7 +73,7 @@ def kill_at(number: int):
 
 def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(silent_study, spoken_study):
     for folder, num_videos, num_tracks in ((silent_study, 12, 1), (spoken_study, 8, 2)):
-        study = Workspace(folder)
+        study = ExportFolders(folder)
         key = read_key(study.key)
         assert len(key.videos) == num_videos and key.inputs_digest
         assert json.loads(study.key.read_text())["made_of"] == key.inputs_digest
@@ -106,7 +106,7 @@ def test_the_other_protocols_export_without_a_leak(inputs, tmp_path, protocol):
     events: list[Any] = []
     plan = plan_of(inputs, f'protocol = "{protocol}"', HERE[:1])
     export_study(plan, tmp_path / "out", draw=draw_noise, callbacks=RunCallbacks(events.append))
-    assert check_study(tmp_path / "out") == []
+    assert find_leaks(tmp_path / "out") == []
     shares = [event.fraction for event in events]
     assert shares[-1] == 1.0 and shares == sorted(shares)
 
@@ -116,16 +116,16 @@ def test_a_killed_export_keeps_its_key_and_ends_as_one_that_was_not(inputs, tmp_
     plan, out = plan_of(inputs), tmp_path / "a"
     with pytest.raises(Killed):
         export_study(plan, out, draw=kill_at(1))
-    first = read_key(Workspace(out).key)
+    first = read_key(ExportFolders(out).key)
     with pytest.raises(Killed):
         export_study(plan, out, draw=kill_at(4))
-    made = [video.sha256 for video in read_key(Workspace(out).key).videos.values()]
+    made = [video.sha256 for video in read_key(ExportFolders(out).key).videos.values()]
     assert sum(digest != NOT_RENDERED for digest in made) == 2
     (out / "participant_bundle" / "media" / ".0123.part.mp4").write_bytes(b"half")
     study = export_study(plan, out, draw=draw_noise)
     key = read_key(study.key)
     assert (key.videos.keys(), list(key.trials)) == (first.videos.keys(), list(first.trials))
-    other = Workspace(tmp_path / "b")
+    other = ExportFolders(tmp_path / "b")
     other.private.mkdir(parents=True)
     blank = {name: replace(video, sha256=NOT_RENDERED) for name, video in key.videos.items()}
     write_key(replace(key, videos=blank), other.key)  # keys are drawn: it gets that of the first
@@ -139,7 +139,7 @@ def test_a_rate_missed_in_half_a_second_is_no_leak(inputs, tmp_path, monkeypatch
     monkeypatch.setattr(media, "RATE_STEP", 0.0)
     draw = partial(draw_noise, seeds=[56, 128])
     export_study(plan_of(inputs, clips=HERE[:1]), tmp_path / "study", draw=draw)
-    assert check_study(tmp_path / "study") == []
+    assert find_leaks(tmp_path / "study") == []
 
 
 def test_finished_videos_the_secret_and_the_plan_are_kept_and_damaged_videos_made_anew(
@@ -165,7 +165,7 @@ def test_finished_videos_the_secret_and_the_plan_are_kept_and_damaged_videos_mad
     inputs = shutil.copytree(silent_study.parent, tmp_path / "inputs")
     save_motion(smooth_motion_example(FRAMES, seed=99), inputs / "localnet-garden.npz")
     with pytest.raises(RunError, match="one of its files was changed"):
-        export_study(read_plan(inputs / "plan.toml"), tmp_path / "out", draw=draw_noise)
+        export_study(read_study_plan(inputs / "plan.toml"), tmp_path / "out", draw=draw_noise)
 
 
 def test_cancelling_leaves_what_is_finished(inputs, tmp_path):
@@ -176,7 +176,7 @@ def test_cancelling_leaves_what_is_finished(inputs, tmp_path):
     callbacks = RunCallbacks(should_cancel=lambda: True)
     with pytest.raises(Cancelled):
         export_study(plan_of(inputs), tmp_path / "out", draw=cancelled, callbacks=callbacks)
-    assert read_key(tmp_path / "out" / "researcher_only" / "key.json").participants == 4
+    assert read_key(tmp_path / "out" / "researcher_only" / "key.json").num_participants_planned == 4
 
 
 def test_a_folder_of_something_else_is_refused(inputs, tmp_path):
@@ -202,11 +202,11 @@ def _lengthen(folder: Path) -> None:
     [
         (
             lambda folder: (folder / "globalnet-garden.npz").unlink(),
-            *("", "The motion of 'globalnet' for clip 'garden' is missing"),
+            *("", "The motion of 'globalnet' for clip 'garden' was not found"),
         ),
         (
             lambda folder: (folder / "garden.wav").unlink(),
-            *("", "The speech of clip 'garden' is missing"),
+            *("", "The speech of clip 'garden' was not found"),
         ),
         (_lengthen, "", "The files of clip 'garden' have different lengths"),
         (
@@ -215,7 +215,7 @@ def _lengthen(folder: Path) -> None:
             ),
             *("", "'localnet' and 'globalnet' have the same motion file for clip 'garden'"),
         ),
-        (_save_again, "", "'localnet' and 'globalnet' move exactly alike in clip 'garden'"),
+        (_save_again, "", "'localnet' and 'globalnet' have identical motion in clip 'garden'"),
         (
             lambda folder: write_wav(folder / "garden.wav", np.zeros(8_000, np.float32)),
             *("", "is silent"),
@@ -270,8 +270,8 @@ def test_the_real_renderer_makes_a_blind_study(weights, tmp_path):
     (tmp_path / "plan.toml").write_text(text)
     argv = ["study", "export", str(tmp_path / "plan.toml"), "--out", str(tmp_path / "out")]
     assert main([*argv, "--weights", str(weights)]) == 0
-    study = Workspace(tmp_path / "out")
-    assert check_study(tmp_path / "out") == []
+    study = ExportFolders(tmp_path / "out")
+    assert find_leaks(tmp_path / "out") == []
     assert len({file_sha256(path) for path in study.media.iterdir()}) == 2
     provenance = json.loads((study.private / "provenance.json").read_text())
     assert provenance["weights"].keys() == {"globaldiff/local"}

@@ -8,10 +8,10 @@ import pytest
 from app.commands.cli import main
 from app.errors import RunError
 from app.study.design.key import read_key
-from app.study.leaks import check_study
+from app.study.leaks import find_leaks
 from app.study.make import media
 from app.study.make.bundle import DATA, INDEX
-from app.study.make.workspace import Workspace
+from app.study.make.export_folders import ExportFolders
 from tests.app.study.made_study import (
     CLIPS,
     SIZE,
@@ -26,13 +26,13 @@ from tests.app.study.made_study import (
 
 COPY = ("-c", "copy", "-fflags", "+bitexact")
 SINE = ("-f", "lavfi", "-i", "sine=duration=0.5")
-Plant = Callable[[Workspace], object]
+Plant = Callable[[ExportFolders], object]
 
 
 def changed(clip: str, *arguments: str) -> Plant:
     """Puts one video through ffmpeg, and lets the key take the result for right."""
 
-    def change(study: Workspace) -> None:
+    def change(study: ExportFolders) -> None:
         video, out = video_of(study, "localnet", clip), study.private / "changed.mp4"
         ffmpeg("-i", str(video), *arguments, "-movflags", "+faststart", str(out))
         shutil.move(out, video)
@@ -41,28 +41,28 @@ def changed(clip: str, *arguments: str) -> Plant:
     return change
 
 
-def pad(study: Workspace, system: str, clip: str, num_bytes: int) -> None:
+def pad(study: ExportFolders, system: str, clip: str, num_bytes: int) -> None:
     video = video_of(study, system, clip)
     with video.open("ab") as file:
         file.write(num_bytes.to_bytes(4, "big") + b"free" + bytes(num_bytes - 8))
     accept_video(study, video)
 
 
-def _names_in_order(study: Workspace) -> None:
+def _names_in_order(study: ExportFolders) -> None:
     """Random digits behind a first one that follows the system."""
     key = read_key(study.key)
     place = {name: str(i) for i, name in enumerate(SYSTEMS)}
     rename_videos(study, {b: place[v.system] + b[1:] for b, v in key.videos.items()})
 
 
-def _title(study: Workspace) -> None:
+def _title(study: ExportFolders) -> None:
     change_data(study, lambda data: data.update(title="Globalnet against the rest"))
     index = study.bundle / INDEX
     index.write_text(index.read_text().replace("Which moves better?", "Globalnet against the rest"))
     media.set_fixed_mtime(index)
 
 
-def _always_left(study: Workspace) -> None:
+def _always_left(study: ExportFolders) -> None:
     key = read_key(study.key)
 
     def change(data: dict) -> None:
@@ -72,26 +72,26 @@ def _always_left(study: Workspace) -> None:
     change_data(study, change)
 
 
-def _script(study: Workspace) -> None:
+def _script(study: ExportFolders) -> None:
     path = study.bundle / "study.js"
     path.write_text(path.read_text() + "// globalnet first\n")
     media.set_fixed_mtime(path)
 
 
-def _key_in_bundle(study: Workspace) -> None:
+def _key_in_bundle(study: ExportFolders) -> None:
     shutil.copy(study.key, study.bundle / "key.json")
     media.set_fixed_mtime(study.bundle / "key.json")
     media.set_fixed_mtime(study.bundle)
 
 
-def _slightly_larger_files(study: Workspace) -> None:
+def _slightly_larger_files(study: ExportFolders) -> None:
     """Within two percent, and always in the same order."""
     for clip in CLIPS:
         for number, system in enumerate(SYSTEMS):
             pad(study, system, clip, 8 + 20 * number)
 
 
-def _bit_rate(study: Workspace) -> None:
+def _bit_rate(study: ExportFolders) -> None:
     """A picture of fewer bytes in a file of the old size."""
     video = video_of(study, "localnet", "kitchen")
     size = video.stat().st_size
@@ -99,7 +99,7 @@ def _bit_rate(study: Workspace) -> None:
     pad(study, "localnet", "kitchen", size - video.stat().st_size)
 
 
-def put_stream(study: Workspace, clip: str, frames: list[list[bytes]]) -> None:
+def put_stream(study: ExportFolders, clip: str, frames: list[list[bytes]]) -> None:
     """In the place of the picture of one video, in a file of the old size."""
     video, stream = video_of(study, "localnet", clip), study.private / "changed.h264"
     size = video.stat().st_size
@@ -112,7 +112,7 @@ def put_stream(study: Workspace, clip: str, frames: list[list[bytes]]) -> None:
         pad(study, "localnet", clip, missing)
 
 
-def _packets(study: Workspace) -> None:
+def _packets(study: ExportFolders) -> None:
     """As many bytes in all, filled up at the end alone."""
     frames = media.split_into_frames(media.video_stream(video_of(study, "localnet", "street")))
     own = [[unit for unit in units if unit[0] & 31 != 6] for units in frames]
@@ -120,7 +120,7 @@ def _packets(study: Workspace) -> None:
     put_stream(study, "street", own)
 
 
-def _filling(study: Workspace) -> None:
+def _filling(study: ExportFolders) -> None:
     """Packets as large as the others', of a picture that needed less."""
     video, out = video_of(study, "localnet", "office"), study.private / "changed.h264"
     sizes = [
@@ -137,7 +137,7 @@ def _filling(study: Workspace) -> None:
 
 
 def test_a_sound_study_has_no_leak(silent_study, spoken_study, capsys):
-    assert check_study(spoken_study) == []
+    assert find_leaks(spoken_study) == []
     assert main(["study", "check", str(silent_study)]) == 0
     assert capsys.readouterr().out == "No leak was found.\n"
 
@@ -175,7 +175,7 @@ LEAKS: list[tuple[str, Plant, str]] = [
     (
         "page",
         told(lambda data: data["lists"][0][0].append(ADDRESS)),
-        "URL: the page's data contain a URL",
+        "JSON: the page's data contain a URL",
     ),
     (
         "page",
@@ -183,8 +183,8 @@ LEAKS: list[tuple[str, Plant, str]] = [
         "JSON: the page's data contain 'rec",
     ),
     ("page", _title, "text: `title` contains 'globalnet'"),
-    ("page", _script, "page: study.js differs from the file of this program"),
-    ("names", _names_in_order, "file name: the order of the videos by it reveals the system"),
+    ("page", _script, "page: study.js was changed; it differs from the version"),
+    ("names", _names_in_order, "file name: sorting the videos by file name reveals the system"),
     (
         "metadata",
         changed("kitchen", *COPY, "-metadata", "title=localnet"),
@@ -199,14 +199,18 @@ LEAKS: list[tuple[str, Plant, str]] = [
     (
         "metadata",
         changed("street", *COPY, "-metadata:s:v:0", "handler_name=run 17"),
-        "the streams of {street} have unusual names (run 17",
+        "the tracks of {street} have unusual handler names (run 17",
     ),
     (
         "metadata",
         changed("office", "-c:v", "libx264", "-b:v", "100k"),
-        "{office} contains text of the encoder",
+        "{office} contains an encoder tag",
     ),
-    ("time", lambda study: video_of(study, "localnet", "garden").touch(), "time stamp: {garden}"),
+    (
+        "time",
+        lambda study: video_of(study, "localnet", "garden").touch(),
+        "time stamp: the modification time of {garden} differs",
+    ),
     (
         "time",
         lambda s: rename_videos(s, {video_of(s, "recorded", "garden").stem: "localnet-1"}),
@@ -219,9 +223,9 @@ LEAKS: list[tuple[str, Plant, str]] = [
     ),
     ("sizes", _bit_rate, "bit rate: the videos of clip 'kitchen' differ by"),
     ("sizes", _packets, "packet sizes: not the same in all videos of clip 'street'"),
-    ("sizes", _filling, "filling: the videos of clip 'office' differ by"),
+    ("sizes", _filling, "bytes without padding: the videos of clip 'office' differ by"),
     ("sizes", bool, "compressed size: the videos of clip 'office'"),
-    ("larger", _slightly_larger_files, "size: the order of the videos by it reveals the system"),
+    ("larger", _slightly_larger_files, "size: sorting the videos by size reveals the system"),
     (
         "length",
         changed("garden", *COPY, "-frames:v", "14"),
@@ -235,7 +239,7 @@ LEAKS: list[tuple[str, Plant, str]] = [
     (
         "sound",
         changed("garden", "-c:v", "copy", "-c:a", "aac", "-b:a", "64k"),
-        "is not the same stream in every video",
+        "differs between its videos",
     ),
     ("sound", changed("kitchen", "-c:v", "copy", "-an"), "{kitchen} has no sound."),
 ]
@@ -252,7 +256,7 @@ def test_planted_leaks_are_found(silent_study, spoken_study, tmp_path, group):
     planted = [(plant, sentence) for each, plant, sentence in LEAKS if each == group]
     for plant, _ in planted:
         plant(study)
-    found = "\n".join(check_study(tmp_path / "study"))
+    found = "\n".join(find_leaks(tmp_path / "study"))
     for _, sentence in planted:
         if "{" in sentence:
             sentence = sentence.format(**names)
@@ -264,19 +268,21 @@ def test_the_command_fails_loudly_and_names_the_leak(silent_study, tmp_path, cap
     video_of(study, "localnet", "garden").touch()
     assert main(["study", "check", str(tmp_path / "study")]) == 1
     said = capsys.readouterr()
-    assert said.out == "" and said.err.startswith("LEAK time stamp: media/")
+    assert said.out == "" and said.err.startswith(
+        "LEAK time stamp: the modification time of media/"
+    )
     assert said.err.endswith("1 leak was found; do not host this bundle.\n")
 
 
 def test_a_damaged_unfinished_or_missing_study_gives_a_sentence(silent_study, tmp_path):
     with pytest.raises(RunError, match="There is no study in"):
-        check_study(tmp_path)
+        find_leaks(tmp_path)
     study = copy_study(silent_study, tmp_path / "study")
     (study.bundle / DATA).write_text("window.STUDY = {")
     media.set_fixed_mtime(study.bundle / DATA)
     with pytest.raises(RunError, match="was changed after the export"):
-        check_study(tmp_path / "study")
+        find_leaks(tmp_path / "study")
     digest = next(iter(read_key(study.key).videos.values())).sha256
     study.key.write_text(study.key.read_text().replace(digest, "not made yet"))
     with pytest.raises(RunError, match="is not finished; run `study export` again"):
-        check_study(tmp_path / "study")
+        find_leaks(tmp_path / "study")

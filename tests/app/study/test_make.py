@@ -13,16 +13,16 @@ import pytest
 from app.errors import RunError
 from app.study.design.blinding import make_key
 from app.study.design.key import StudyKey
-from app.study.design.plan import Clip, Condition, Plan, read_plan
+from app.study.design.plan import Clip, Condition, StudyPlan, read_study_plan
 from app.study.design.trials import Design, make_design
 from app.study.make import media
 from app.study.make.bundle import genea_tables
-from app.study.make.motions import ClipInputs, read_clip_inputs, stimulus_motions
+from app.study.make.motions import ClipInputs, make_clip_motions, read_all_clip_inputs
 from model.generation.windows import GenerateOptions, generate_motion
-from model.plan.editing import Gesture, add_gesture, delete_gesture
+from model.plan.editing import GestureKey, add_gesture, delete_gesture
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan
-from model.sampling.samplers import clip_seed
+from model.sampling.samplers import noise_seed_of_clip
 from model.speech.audio import Speech, write_wav
 from model.systems.planned.config import PLANNED
 from model.systems.registry import load_system
@@ -40,11 +40,11 @@ def encoded(drawn: list[Path], folder: Path, track: Path | None = None) -> list[
     streams = [folder / f"{source.stem}.h264" for source in drawn]
     for source, stream in zip(drawn, streams, strict=True):
         media.encode_video_stream(source, stream, 128)
-    media.equalise_frame_sizes(streams)
+    media.equalise_frame_bytes(streams)
     videos = [stream.with_suffix(".mp4") for stream in streams]
     for stream, video in zip(streams, videos, strict=True):
         media.mux_mp4(stream, track, video)
-    media.pad_to_equal_size(videos)
+    media.pad_to_equal_bytes(videos)
     return videos
 
 
@@ -76,7 +76,7 @@ def test_calm_and_wild_motion_give_equal_files(made):
     assert calm.tracks == wild.tracks  # packet by packet
     assert [track.handler for track in calm.tracks] == ["vide", "soun"]
     assert len(calm.tracks[0].sample_sizes) == FRAMES
-    assert calm.tracks[0].duration == FRAMES / 30
+    assert calm.tracks[0].duration_s == FRAMES / 30
 
 
 def test_videos_show_every_frame_as_it_was_and_nothing_else_the_same_each_time(made, tmp_path):
@@ -95,7 +95,7 @@ def test_videos_show_every_frame_as_it_was_and_nothing_else_the_same_each_time(m
             apart = np.subtract(shown, wanted, dtype=float)
             assert abs(apart.mean()) < 0.2 and apart.std() < 3  # the grain
         file = media.read_mp4(video)
-        assert not {"udta", "meta", "uuid"} & set(file.boxes) and not file.has_timestamps
+        assert not {"udta", "meta", "uuid"} & set(file.box_types) and not file.has_timestamps
         assert b"x264" not in video.read_bytes() and media.audio_digest(video) is None
 
 
@@ -132,7 +132,7 @@ def test_frames_are_filled_to_any_size(tmp_path):
             units = [b"\x67" + b"s" * 9, b"\x65" + b"x" * size, b"\x41" + b"y" * (5000 - size)]
             path.write_bytes(b"".join(b"\x00\x00\x00\x01" + unit for unit in units))
         own = [media.num_unpadded_bytes(path.read_bytes()) for path in paths]
-        media.equalise_frame_sizes(paths)
+        media.equalise_frame_bytes(paths)
         frames = [media.split_into_frames(path.read_bytes()) for path in paths]
         found = {tuple(sum(4 + len(unit) for unit in units) for units in each) for each in frames}
         assert len(found) == 1
@@ -144,7 +144,7 @@ def test_padding_reaches_any_size(tmp_path):
         paths = [tmp_path / f"{i}.mp4" for i in range(len(sizes))]
         for path, size in zip(paths, sizes, strict=True):
             path.write_bytes(b"x" * size)
-        media.pad_to_equal_size(paths)
+        media.pad_to_equal_bytes(paths)
         assert len({path.stat().st_size for path in paths}) == 1
         for path, size in zip(paths, sizes, strict=True):
             assert path.read_bytes().startswith(b"x" * size)
@@ -160,25 +160,25 @@ def test_two_clips_move_differently_though_they_hold_the_same_speech(weights):
         for name, steps in (("few", 2), ("more", 3))
     )
     clip = Clip("garden", Path("garden.wav"))
-    plan = Plan("t", "pairwise", 2, (clip,), systems)
+    plan = StudyPlan("t", "pairwise", 2, (clip,), systems)
     source = ClipInputs(clip, 70, speech, {}, {})
     poses = [
-        stimulus_motions(plan, each, weights, None, lambda: False)["few"].poses
+        make_clip_motions(plan, each, weights, None, lambda: False)["few"].poses
         for each in (source, source, replace(source, clip=replace(clip, name="park")))
     ]
     assert np.array_equal(poses[0], poses[1])
     assert np.abs(poses[0] - poses[2]).mean() > 0.001
 
 
-def planned_sources(tmp_path: Path, text: str) -> tuple[Plan, tuple[ClipInputs, ...]]:
+def planned_sources(tmp_path: Path, text: str) -> tuple[StudyPlan, tuple[ClipInputs, ...]]:
     write_wav(tmp_path / "one.wav", made_waveform(16_000 * 4))
     path = tmp_path / "plan.toml"
     path.write_text(
         'title = "t"\nprotocol = "rating"\nparticipants = 2\nlength_s = 3\n[[clips]]\n'
         f'name = "one"\nspeech = "one.wav"\n{text}'
     )
-    plan = read_plan(path)
-    return plan, read_clip_inputs(plan)
+    plan = read_study_plan(path)
+    return plan, read_all_clip_inputs(plan)
 
 
 def condition(name: str, more: str) -> str:
@@ -201,8 +201,8 @@ def test_a_condition_performs_the_given_plan_and_its_style(planned_weights, tmp_
     )
     assert source.plans == {"given": given, "none of it": given}
     assert source.file_sha256s["plan of given"] == source.file_sha256s["plan of none of it"]
-    made = stimulus_motions(plan, source, planned_weights, None, lambda: False)
-    empty = delete_gesture(given, Gesture("right", 1.5)).plan
+    made = make_clip_motions(plan, source, planned_weights, None, lambda: False)
+    empty = delete_gesture(given, GestureKey("right", 1.5)).plan
     expected = (
         expected_poses(planned_weights, source, given),
         expected_poses(planned_weights, source, empty),
@@ -215,7 +215,7 @@ def test_a_condition_performs_the_given_plan_and_its_style(planned_weights, tmp_
 def expected_poses(weights: Path, source: ClipInputs, plan: GesturePlan) -> np.ndarray:
     system = load_system(PLANNED, weights)
     options = GenerateOptions(
-        next(iter(system.speakers)), seed=clip_seed(0, "one"), steps=1, conditions=(plan,)
+        next(iter(system.speakers)), seed=noise_seed_of_clip(0, "one"), steps=1, conditions=(plan,)
     )
     assert source.speech is not None
     (motion,) = generate_motion(system, source.speech, options)
@@ -224,15 +224,15 @@ def expected_poses(weights: Path, source: ClipInputs, plan: GesturePlan) -> np.n
 
 def test_plans_of_other_lengths_and_none_are_refused_before_anything_is_made(tmp_path):
     text = condition("given", 'plan = "{clip}.json"')
-    with pytest.raises(RunError, match="The plan of 'given' for clip 'one' is missing"):
+    with pytest.raises(RunError, match="The plan of 'given' for clip 'one' was not found"):
         planned_sources(tmp_path, text)
     write_plan_file(GesturePlan(9.0), tmp_path / "one.json")
     with pytest.raises(RunError, match=r"for clip 'one': The plan lasts 9\.00 s and the speech"):
         planned_sources(tmp_path, text)
 
 
-def blinded(folder: Path, protocol: str) -> tuple[Plan, Design, StudyKey]:
-    plan = read_plan(write_plan(folder, SYSTEMS, CLIPS[:2], f'protocol = "{protocol}"'))
+def blinded(folder: Path, protocol: str) -> tuple[StudyPlan, Design, StudyKey]:
+    plan = read_study_plan(write_plan(folder, SYSTEMS, CLIPS[:2], f'protocol = "{protocol}"'))
     design = make_design(plan)
     return plan, design, make_key(plan, design)
 
@@ -251,5 +251,5 @@ def test_genea_gets_pairs_and_mismatches(tmp_path):
     assert len(rows) == 6
     for _, right, kind, wrong in rows:
         assert kind == "speech"
-        assert key.videos[right].is_matched and not key.videos[wrong].is_matched
+        assert key.videos[right].has_own_speech and not key.videos[wrong].has_own_speech
     assert genea_tables(*blinded(tmp_path, "ranking")) == {}

@@ -7,7 +7,7 @@ import pytest
 
 from app.errors import RunError
 from app.study.design.key import read_key, write_key
-from app.study.design.plan import Condition, Plan, read_plan
+from app.study.design.plan import Condition, StudyPlan, read_study_plan
 from model.plan.style import StyleChange
 from tests.app.study.made import made_key
 
@@ -54,28 +54,33 @@ plan = "plans/{clip}.eaf"
 KEY = made_key()
 
 
-def read(folder: Path, text: str) -> Plan:
+def read(folder: Path, text: str) -> StudyPlan:
     (folder / "style.toml").write_text("wrong_words = true")
     (folder / "plan.toml").write_text(text)
-    return read_plan(folder / "plan.toml")
+    return read_study_plan(folder / "plan.toml")
 
 
 def test_a_minimal_plan_has_sensible_defaults(tmp_path):
     plan = read(tmp_path, MINIMAL)
-    assert (plan.views, plan.length_s, plan.size, plan.face) == (("front",), None, 512, "still")
+    assert (plan.views, plan.video_s, plan.video_size_px, plan.face) == (
+        ("front",),
+        None,
+        512,
+        "still",
+    )
     assert (plan.attention_checks, plan.max_failed, plan.has_sound) == (None, None, False)
     assert plan.clips[0].speech == tmp_path / "one.wav"
     local = "globaldiff/local"
-    assert plan.systems[0] == Condition(local, system=local, steps=10, sampler="euler")
-    assert plan.systems[1].motion == {"one": tmp_path / "theirs" / "one.npz"}
+    assert plan.conditions[0] == Condition(local, system=local, steps=10, sampler="euler")
+    assert plan.conditions[1].motion == {"one": tmp_path / "theirs" / "one.npz"}
     by_clip = MINIMAL.replace('motion = "theirs/{clip}.npz"', 'motion = { one = "a b.npz" }')
-    assert read(tmp_path, by_clip).systems[1].motion == {"one": tmp_path / "a b.npz"}
+    assert read(tmp_path, by_clip).conditions[1].motion == {"one": tmp_path / "a b.npz"}
 
 
 def test_one_system_can_take_part_with_several_settings(tmp_path):
     text = MINIMAL + '[[systems]]\nname = "smoothed"\nsystem = "globaldiff/local"\n'
     plan = read(tmp_path, text + 'post_filter = "savgol"\nseed = 3\n')
-    third = plan.systems[2]
+    third = plan.conditions[2]
     assert (third.system, third.seed, third.post_filter) == ("globaldiff/local", 3, "savgol")
     with pytest.raises(RunError, match=r"'globaldiff/local' and 'smoothed' have the same settings"):
         read(tmp_path, text)
@@ -83,10 +88,10 @@ def test_one_system_can_take_part_with_several_settings(tmp_path):
 
 def test_a_condition_may_be_a_plan_or_a_change_of_it(tmp_path):
     plan = read(tmp_path, PLANNED_STUDY)
-    styles = [system.style for system in plan.systems]
-    half, wrong = StyleChange(factors={"gestures_per_min": 0.5}), StyleChange(wrong_words=True)
+    styles = [system.style for system in plan.conditions]
+    half, wrong = StyleChange(factors={"gestures_per_min": 0.5}), StyleChange(is_misaligned=True)
     assert styles == [None, half, wrong, None]
-    plans = [system.plan for system in plan.systems]
+    plans = [system.plan for system in plan.conditions]
     assert plans == [None, None, None, {"one": tmp_path / "plans" / "one.eaf"}]
 
 
@@ -101,17 +106,17 @@ BAD_PLANS = [
     ),
     ('"pairwise"', '"matched"', "at least 2 clips"),
     (PEOPLE, f"{PEOPLE}\nlength_s = nan", "`length_s` cannot be nan"),
-    (PEOPLE, f'{PEOPLE}\npanel_ids = ["t"]', "'t', which the page itself uses"),
+    (PEOPLE, f'{PEOPLE}\npanel_ids = ["t"]', "'t', which is a URL parameter of the page"),
     (PEOPLE, f'{PEOPLE}\npanel_ids = ["a", "a"]', "`panel_ids` contains 'a' twice"),
     (PEOPLE, f'{PEOPLE}\npanel_ids = ["a b"]', "`panel_ids.0` cannot be 'a b'"),
-    (PEOPLE, f'{PEOPLE}\nreturn_to = "javascript:alert(1)"', "is not a URL with http"),
-    (PEOPLE, f'{PEOPLE}\npost_to = "https://x.org/;script-src *"', "is not a URL with http"),
+    (PEOPLE, f'{PEOPLE}\nreturn_to = "javascript:alert(1)"', "is not a valid URL"),
+    (PEOPLE, f'{PEOPLE}\npost_to = "https://x.org/;script-src *"', "is not a valid URL"),
     ('name = "theirs"', 'name = "globaldiff/local"', "two systems have the name"),
     ('speech = "one.wav"', "", "has no `speech`"),
-    ('name = "theirs"', 'name = "a, b"', "no comma, no = and no space at its ends; got 'a, b'"),
+    ('name = "theirs"', 'name = "a, b"', "without commas or equals signs"),
     ("theirs/{clip}.npz", "theirs/one.npz", "`motion` must be a path with {clip}"),
     ('"theirs/{clip}.npz"', '{ two = "x.npz" }', "has no path for the clip 'one'"),
-    ('"theirs/{clip}.npz"', '{ one = "x", two = "y" }', "'two', which is no clip"),
+    ('"theirs/{clip}.npz"', '{ one = "x", two = "y" }', "'two', which is not a clip"),
     ('{clip}.npz"', '{clip}.npz"\nseed = 1', "has `motion`, so it cannot have `seed`"),
     ('[[systems]]\nname = "globaldiff/local"\n', "", "needs at least 2 systems"),
     ("[[clips]]", "[[clips", "is not a TOML file"),
@@ -122,7 +127,11 @@ BAD_PLANS = [
     (PEOPLE, f"{PEOPLE}\n#{'a' * 2**21}", "plan.toml is larger than the limit of 2 MiB"),
 ]
 BAD_CONDITIONS = [
-    ("gestures_per_min = 0.5", "often = 2", "the style of a system cannot be used: `times`"),
+    (
+        "gestures_per_min = 0.5",
+        "often = 2",
+        "`style` of 'half as many' cannot be used: `times`",
+    ),
     ('"style.toml"', '"none.toml"', "none.toml could not be read: no such file"),
     ("plans/{clip}.eaf", "plans/one.eaf", "`plan` must be a path with {clip}"),
     ('plan = "plans/{clip}.eaf"', "", "'as planned' and 'by hand' have the same settings"),
@@ -144,8 +153,8 @@ def test_a_bad_plan_gives_one_sentence(tmp_path, text, old, new, words):
     with pytest.raises(RunError) as caught:
         read(tmp_path, text.replace(old, new, 1))
     assert words in str(caught.value) and "\n" not in str(caught.value)
-    with pytest.raises(RunError, match="There is no plan at"):
-        read_plan(tmp_path / "none.toml")
+    with pytest.raises(RunError, match="There is no study plan at"):
+        read_study_plan(tmp_path / "none.toml")
 
 
 def test_a_key_that_is_written_reads_back_the_same_is_private_and_of_the_agreed_form(tmp_path):
@@ -168,7 +177,7 @@ def test_a_key_that_is_written_reads_back_the_same_is_private_and_of_the_agreed_
     ("edit", "says"),
     [
         (lambda key: key.update(systems=["local"] * 3), "different names"),
-        (lambda key: key.update(systems=["global"]), "'local', which is not a system"),
+        (lambda key: key.update(systems=["global"]), "'local', which is not a system of the study"),
         (lambda key: key["videos"].pop("clip0-local"), "shows a video that the key does not have"),
         (lambda key: key["trials"].pop("clip0/0"), "list 0 names a trial"),
         (

@@ -29,7 +29,7 @@ from tests.app.study.made import (
 )
 from tests.helpers import csv_rows
 
-ATTENTIVE = RaterModel(lapse=0)
+ATTENTIVE = RaterModel(check_failure_probability=0)
 Report = tuple[str, list[dict[str, str]], str]
 """Page, rows of the CSV and LaTeX table."""
 
@@ -200,8 +200,8 @@ def test_the_sentence_of_a_pair_follows_its_numbers():
 
 def test_the_sentence_of_a_match_follows_its_numbers():
     for wins, losses, told in (
-        (24, 4, "the matching speech was picked significantly more often"),
-        (4, 24, "the mismatched speech was picked significantly more often"),
+        (24, 4, "significantly more often than the mismatched speech"),
+        (4, 24, "significantly less often than the mismatched speech"),
         (15, 13, "no significant preference for the matching speech"),
     ):
         assert told in plain(say("match", pair_of(wins, losses)))

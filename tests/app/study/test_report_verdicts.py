@@ -31,11 +31,11 @@ def results_of(
 ) -> QuestionResult:
     """What so many raters of a taste found."""
     key = made_key(protocol, num_clips=clips)
-    model = RaterModel(taste_sd=1.0, tie=ties, lapse=0)
+    model = RaterModel(taste_sd=1.0, tie_parameter=ties, check_failure_probability=0)
     taste = dict(zip(SYSTEMS, strengths, strict=True))
     files = simulate_answers(key, taste, count, model, np.random.default_rng(seed))
     sent = [parse_json(json.dumps(content), Participant) for content in files]
-    people = [drop_invalid_answers(replace(one, source="made.json"), key)[0] for one in sent]
+    people = [drop_invalid_answers(replace(one, file_name="made.json"), key)[0] for one in sent]
     (result,) = analyse_participants(people, key)
     return result
 
@@ -96,10 +96,10 @@ def test_no_two_sentences_of_a_report_contradict_each_other(
         assert {name for pair in apart for name in pair} - set(
             re.findall("|".join(SYSTEMS), alike[1])
         ), (first, apart)
-    agreement = result.find_estimate(f"krippendorff_alpha_{result.level}")
-    told = plain(say("agreement", agreement, result.level, result.num_units))
+    agreement = result.find_estimate(f"krippendorff_alpha_{result.measurement_level}")
+    told = plain(say("agreement", agreement, result.measurement_level, result.num_shared_items))
     if "not differ significantly from chance" not in told and agreement.value is not None:
-        low, high = agreement.limits[1:]
+        low, high = agreement.value_and_limits[1:]
         assert low > 0 or high < 0, told
 
 

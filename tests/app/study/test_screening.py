@@ -20,7 +20,7 @@ from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.key import AttentionRule, ExpectedAnswer, StudyKey, read_key, write_key
 from app.study.statistics.answers import MAX_FILE_BYTES, TIE, Answer, Participant, collect_answers
 from app.study.statistics.results import analyse_participants
-from app.study.statistics.screening import failed_checks, implausible_answers, screen
+from app.study.statistics.screening import failed_checks, implausibility_reasons, screen
 from tests.app.study.made import (
     LEFT_CHECK,
     made_files,
@@ -47,7 +47,7 @@ def edited(
     edit(files[0])
     _, folder = written_study(tmp_path, key, files)
     collected = collect_answers([folder], key)
-    return [len(one.answers) for one in collected.participants], collected.left_out
+    return [len(one.answers) for one in collected.participants], collected.left_out_sentences
 
 
 @pytest.mark.parametrize(
@@ -71,9 +71,9 @@ def test_a_file_that_cannot_be_used_costs_one_sentence_and_nothing_else(
     written = content if isinstance(content, bytes) else json.dumps(bad | content).encode()
     (folder / "bad.json").write_bytes(written)
     collected = collect_answers([folder], KEY)
-    assert len(collected.participants) == 1 and len(collected.left_out) == 1
-    assert collected.left_out[0].startswith(f"bad.json is left out: {says}")
-    with pytest.raises(RunError, match="There is no file or folder"):
+    assert len(collected.participants) == 1 and len(collected.left_out_sentences) == 1
+    assert collected.left_out_sentences[0].startswith(f"bad.json is left out: {says}")
+    with pytest.raises(RunError, match="does not exist; give answer files"):
         collect_answers([tmp_path / "none"], KEY)
 
 
@@ -84,19 +84,19 @@ def rated(number: object) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("protocol", "edit", "says"),
     [
-        ("pairwise", {"value": "clip3-rival"}, "the answer is not among the videos shown (1)"),
+        ("pairwise", {"value": "clip3-rival"}, "the chosen video was not shown (1)"),
         ("pairwise", {"trial": "clip9/0"}, "the trial is not on the participant's list"),
         (
             "pairwise",
             {"question": "beauty"},
-            "its trial does not ask the question that was answered",
+            "the answered question is not part of the trial",
         ),
         ("pairwise", {"watched": 0}, "a video was not watched to its end"),
         ("pairwise", {"trial": "clip0/1"}, "the videos shown are not those of the trial"),
         ("pairwise", {"reasons": "smoothness"}, "`reasons` cannot be 'smoothness'"),
         ("ranking", {"value": ["clip0-local"] * 3}, "does not contain each video exactly once"),
         ("ranking", {"value": [1, 2, 3]}, "does not contain each video exactly once"),
-        ("rating", {"value": {"clip0-local": 3}}, "not of the videos that were shown"),
+        ("rating", {"value": {"clip0-local": 3}}, "the rated videos are not those that were shown"),
         ("rating", rated(10**400), "a rating is not between 0 and 100"),
         ("rating", rated(True), "a rating is not between 0 and 100"),
     ],
@@ -130,8 +130,8 @@ def test_of_doubles_the_finished_then_the_later_counts(tmp_path: Path) -> None:
     for name, file in (("a", first), ("b", second), ("c", half)):
         (folder / f"{name}.json").write_text(json.dumps(file))
     collected = collect_answers([folder], KEY)
-    assert [one.source for one in collected.participants] == ["b.json"]
-    assert collected.left_out == (
+    assert [one.file_name for one in collected.participants] == ["b.json"]
+    assert collected.left_out_sentences == (
         "a.json is left out: its participant also sent b.json, which is later.",
         "c.json is left out: its participant also sent b.json, which is finished.",
     )
@@ -223,16 +223,16 @@ def left_and_hasty_once(who: Participant) -> Participant:
     return replace(
         same,
         answers=tuple(
-            replace(one, ms=1) if one.trial == first.trial else one for one in same.answers
+            replace(one, page_ms=1) if one.trial == first.trial else one for one in same.answers
         ),
     )
 
 
 def test_nobody_is_doubted_who_answers_as_people_do() -> None:
-    assert implausible_answers(PEOPLE, LONG) == {}
+    assert implausibility_reasons(PEOPLE, LONG) == {}
     for protocol in ("matched", "ranking", "rating"):
         key = replace(made_key(protocol, num_clips=6), video_s=2.0)
-        assert implausible_answers(made_participants(key, 8), key) == {}
+        assert implausibility_reasons(made_participants(key, 8), key) == {}
 
 
 def test_ties_are_answers_and_sameness_alone_is_no_evidence_of_not_looking() -> None:
@@ -246,7 +246,7 @@ def test_ties_are_answers_and_sameness_alone_is_no_evidence_of_not_looking() -> 
         replace(one, value=dict.fromkeys(one.videos, 50)) if isinstance(one.value, dict) else one
         for one in rater.answers
     )
-    assert implausible_answers([replace(rater, answers=equal)], rating) == {}
+    assert implausibility_reasons([replace(rater, answers=equal)], rating) == {}
 
 
 def test_impossible_answers_are_set_aside() -> None:
@@ -264,11 +264,11 @@ def test_impossible_answers_are_set_aside() -> None:
         (lambda who: replace(who, answers=who.answers[::-1]), "a different order"),
         (
             always(left, num_failed=1),
-            "every trial, and also 1 attention check failed",
+            "every trial; also 1 attention check failed",
         ),
         (
             left_and_hasty_once,
-            "and also 1 of 18 trials answered before the videos",
+            "every trial; also 1 of 18 trials answered in less time",
         ),
     ]:
         forged = forge(PEOPLE[3])
@@ -278,11 +278,11 @@ def test_impossible_answers_are_set_aside() -> None:
 
 
 def test_copies_are_set_aside_but_the_first_and_one_bad_reload_is_forgiven() -> None:
-    copy = replace(PEOPLE[0], id="another", source="another.json")
-    found = implausible_answers([*PEOPLE, copy], LONG)
-    assert found == {"another": f"identical answers and response times as {PEOPLE[0].source}"}
+    copy = replace(PEOPLE[0], id="another", file_name="another.json")
+    found = implausibility_reasons([*PEOPLE, copy], LONG)
+    assert found == {"another": f"the same answers and response times as {PEOPLE[0].file_name}"}
     hasty = each(lambda number: {"ms": 100 if number == 2 else 9_000})(PEOPLE[0])
-    assert implausible_answers([hasty], LONG) == {}
+    assert implausibility_reasons([hasty], LONG) == {}
 
 
 def test_twenty_forged_files_change_nothing_and_the_report_shows_what_they_would(
@@ -321,7 +321,7 @@ def test_a_skipped_page_is_no_vote_and_no_reason_to_doubt_and_the_report_counts_
     judged[4] |= {"value": None, "skipped": "another"}
     key_path, folder = written_study(tmp_path, LONG, files)
     collected = collect_answers([folder], LONG)
-    assert "the skipped video was not shown (1)" in collected.left_out[0]
+    assert "the skipped video was not shown (1)" in collected.left_out_sentences[0]
     screened = screen(collected.participants, LONG)
     assert len(screened.included) == 6
     (result,) = analyse_participants(screened.included, LONG)
@@ -336,7 +336,7 @@ def test_a_skipped_page_is_no_vote_and_no_reason_to_doubt_and_the_report_counts_
 def test_ids_of_a_panel_are_those_the_plan_names_and_each_person_counts_once(
     tmp_path: Path,
 ) -> None:
-    key = replace(LONG, panel_ids=("PROLIFIC_PID", "STUDY_ID"))
+    key = replace(LONG, panel_id_names=("PROLIFIC_PID", "STUDY_ID"))
     files = made_files(key, 4)
     for number, file in enumerate(files[:3]):
         file["panel"] = {"PROLIFIC_PID": f"abc{number % 2}", "email": "person"}
@@ -345,14 +345,15 @@ def test_ids_of_a_panel_are_those_the_plan_names_and_each_person_counts_once(
     key_path, folder = written_study(tmp_path, key, files)
     assert read_key(key_path) == key
     collected = collect_answers([folder], key)
-    assert collected.left_out[0].startswith("simulated00003.json is left out: `panel.PROLIFIC_PID`")
-    assert [one.panel for one in collected.participants] == [
+    sentence = collected.left_out_sentences[0]
+    assert sentence.startswith("simulated00003.json is left out: `panel.PROLIFIC_PID`")
+    assert [one.panel_values for one in collected.participants] == [
         {"PROLIFIC_PID": "abc0"},
         {"PROLIFIC_PID": "abc1"},
         {"PROLIFIC_PID": "abc0"},
     ]
     (aside,) = screen(collected.participants, key).implausible
-    assert aside.participant.source == "simulated00000.json"
+    assert aside.participant.file_name == "simulated00000.json"
     assert "the same PROLIFIC_PID as simulated00002.json" in aside.reason
     analyse(AnalysisRequest([folder], key_path, tmp_path / "report"))
     report = tmp_path / "report"
@@ -368,9 +369,9 @@ def test_ids_of_a_panel_are_those_the_plan_names_and_each_person_counts_once(
 def signed(key: StudyKey = LINKED, count: int = 4) -> list[Participant]:
     """Participants who each came by a link of their own, on the list that goes with it."""
     people = made_participants(key, count)
-    numbers = {key.list_of(number): number for number in range(len(key.lists))}
+    numbers = {key.list_number_of(number): number for number in range(len(key.lists))}
     return [
-        replace(one, link=key.token(numbers[one.list_number] + len(key.lists) * place))
+        replace(one, link_token=key.token(numbers[one.list_number] + len(key.lists) * place))
         for place, one in enumerate(people)
     ]
 
@@ -392,11 +393,11 @@ def test_forged_links_are_set_aside() -> None:
         (lambda token: "no token", "signature of the link is invalid"),
         (lambda token: "0-é", "signature of the link is invalid"),
         (lambda token: replace(LINKED, link_secret=secrets.token_hex(32)).token(0), "is invalid"),
-        (lambda token: replace(LINKED, study="0" * 16).token(0), "is invalid"),
+        (lambda token: replace(LINKED, study_id="0" * 16).token(0), "is invalid"),
     ]:
         first, *others = signed()
-        assert first.link is not None
-        screened = screen([replace(first, link=forge(first.link)), *others], LINKED)
+        assert first.link_token is not None
+        screened = screen([replace(first, link_token=forge(first.link_token)), *others], LINKED)
         assert [one.participant.id for one in screened.implausible] == [first.id]
         assert words in screened.implausible[0].reason and len(screened.included) == 3
 
@@ -407,15 +408,15 @@ def test_a_link_counts_once_and_for_its_own_list_and_an_earlier_time_displaces_n
     hour = timedelta(hours=1)
     copy = replace(first, id="thief", started=first.started - hour, finished=first.finished - hour)
     (aside,) = screen([first, copy, *others], LINKED).implausible
-    assert aside.participant is copy and f"also used for {first.source}" in aside.reason
+    assert aside.participant is copy and f"also used for {first.file_name}" in aside.reason
     answer, *rest = copy.answers
-    forged = replace(copy, source="forged.json", answers=(replace(answer, value="tie"), *rest))
+    forged = replace(copy, file_name="forged.json", answers=(replace(answer, value="tie"), *rest))
     screened = screen([first, forged, *others], LINKED)
     assert [one.participant for one in screened.implausible] == [first, forged]
     assert "also used for forged.json" in screened.implausible[0].reason
     assert list(screened.included) == others
-    number = next(n for n in range(9) if LINKED.list_of(n) != first.list_number)
-    (aside,) = screen([replace(first, link=LINKED.token(number))], LINKED).implausible
+    number = next(n for n in range(9) if LINKED.list_number_of(n) != first.list_number)
+    (aside,) = screen([replace(first, link_token=LINKED.token(number))], LINKED).implausible
     assert "another list" in aside.reason
 
 
@@ -434,8 +435,8 @@ def test_a_forged_ballot_of_a_later_time_displaces_no_signed_one(
     (folder / "forged.json").write_text(json.dumps(forged))
     collected = collect_answers([folder], LINKED)
     kept = {one.id: one for one in collected.participants}
-    assert len(kept) == 3 and kept[files[0]["participant"]].link == files[0]["link"]
-    (sentence,) = collected.left_out
+    assert len(kept) == 3 and kept[files[0]["participant"]].link_token == files[0]["link"]
+    (sentence,) = collected.left_out_sentences
     assert sentence.startswith("forged.json is left out") and "a valid link" in sentence
     assert len(screen(collected.participants, LINKED).included) == 3 - (not finishes)
 

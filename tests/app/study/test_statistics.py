@@ -28,12 +28,12 @@ from app.study.statistics.proportions import (
     ResultEstimate,
     clopper_pearson,
     detectable_share,
-    effective_votes,
     holm,
+    num_effective_votes,
     proportion_estimates,
     sign_test,
 )
-from app.study.statistics.results import analyse_participants, join_jitter, read_jitter
+from app.study.statistics.results import analyse_participants, read_jerk, smoother_chosen_estimates
 from app.study.statistics.votes import rank_and_rating_table, votes_between, votes_of
 from tests.app.study.made import STRENGTHS, made_key, made_participants, made_votes
 
@@ -135,7 +135,7 @@ def test_known_strengths_come_back_from_pairs_and_from_rankings():
     *found, side, log_tie = fit_strengths(votes, key.systems, has_sides=True).parameters
     given = np.array([STRENGTHS[name] for name in key.systems])
     assert found == pytest.approx(given - given.mean(), abs=0.1)
-    assert np.exp(log_tie) == pytest.approx(UNIFORM_RATERS.tie, abs=0.05)
+    assert np.exp(log_tie) == pytest.approx(UNIFORM_RATERS.tie_parameter, abs=0.05)
     assert side == pytest.approx(UNIFORM_RATERS.left_advantage, abs=0.08)
     key = made_key("ranking", num_clips=10)
     votes = votes_of(made_participants(key, 200, UNIFORM_RATERS), key, "realism")
@@ -259,8 +259,8 @@ def test_one_vote_each_is_the_plain_interval_but_for_the_last_vote():
 def test_raters_who_repeat_themselves_count_once():
     once = [(rater, "a", "b", float(rater < 14)) for rater in range(20)]
     tenfold, plain = proportion_estimates("share", made_votes(once * 10))
-    assert (tenfold.value, tenfold.votes) == (0.7, 200)
-    assert effective_votes(made_votes(once * 10)) < 20  # no repetition makes 20 people more
+    assert (tenfold.value, tenfold.num_votes) == (0.7, 200)
+    assert num_effective_votes(made_votes(once * 10)) < 20  # no repetition makes 20 people more
     assert width(tenfold) > 2.8 * width(plain)
     assert tenfold.p == proportion_estimates("share", made_votes(once))[0].p == sign_test(14, 6)
     unanimous = [(rater, "a", "b", 1.0) for rater in range(8)] * 5
@@ -277,7 +277,7 @@ def test_the_effective_number_matches_a_simulated_variance():
         score = (rng.random((12, 30)) < chance).astype(float)
         votes = pd.DataFrame({"rater": np.tile(np.arange(30), 12), "score": score.ravel()})
         shares.append(score.mean())
-        effective.append(effective_votes(votes))
+        effective.append(num_effective_votes(votes))
     true = 0.6 * 0.4 / np.var(shares)
     few = (stats.t.ppf(0.975, 359) / stats.t.ppf(0.975, 29)) ** 2
     assert np.median(effective) == pytest.approx(true * few, rel=0.15)
@@ -303,13 +303,13 @@ def test_between_turns_rows_around_and_no_votes_have_no_share():
     found, other = (
         proportion_estimates("share", votes_between(votes, *p), *p)[0] for p in ("bc", "cb")
     )
-    assert found.with_systems_swapped().limits == pytest.approx(other.limits)
+    assert found.with_systems_swapped().value_and_limits == pytest.approx(other.value_and_limits)
 
 
 def test_jerk_is_read_by_clip_and_system(tmp_path):
     key = made_key(num_clips=2)
-    with pytest.raises(RunError, match=r"contain clip0/diagnostics.json and"):
-        read_jitter(tmp_path, key)
+    with pytest.raises(RunError, match=r"clip0/diagnostics.json for each clip"):
+        read_jerk(tmp_path, key)
     for clip, smooth, reference in (
         ("clip0", 10, {"raw": {"tip_jerk_m_s3": 5}}),
         ("clip1", None, None),
@@ -320,13 +320,13 @@ def test_jerk_is_read_by_clip_and_system(tmp_path):
         told = json.dumps({"systems": systems, "reference": reference})
         (tmp_path / clip / "diagnostics.json").write_text(told)
     both = {("clip0", "local"): 10, ("clip0", "global"): 30, ("clip1", "global"): 30}
-    assert read_jitter(tmp_path, key) == both
+    assert read_jerk(tmp_path, key) == both
     recorded = replace(key, systems=(*key.systems, "reference"))
-    assert read_jitter(tmp_path, recorded) == both | {("clip0", "reference"): 5}
+    assert read_jerk(tmp_path, recorded) == both | {("clip0", "reference"): 5}
     for damaged in ("{", "[]", '{"systems": {"local": {"raw": 3}}, "reference": null}'):
         (tmp_path / "clip1" / "diagnostics.json").write_text(damaged)
         with pytest.raises(RunError, match=r"clip1/diagnostics\.json is not a valid"):
-            read_jitter(tmp_path, key)
+            read_jerk(tmp_path, key)
 
 
 def test_votes_are_split_by_reason_and_turned_to_the_smoother():
@@ -340,13 +340,13 @@ def test_votes_are_split_by_reason_and_turned_to_the_smoother():
         ],
         ignore_index=True,
     )
-    numbers = join_jitter(votes, jitter)
+    numbers = smoother_chosen_estimates(votes, jitter)
     named = one(numbers, "smoother_chosen_naming_smoothness")
     other = one(numbers, "smoother_chosen_otherwise")
     assert (named.wins, named.losses, other.wins, other.losses) == (2, 1, 0, 1)
     votes = made_votes([(0, "a", "b", 1.0)], "x")
     for rough in ({}, {("x", "b"): 1.0}):  # not measured, and equal
-        assert join_jitter(votes, {("x", "a"): 1.0} | rough) == []
+        assert smoother_chosen_estimates(votes, {("x", "a"): 1.0} | rough) == []
 
 
 def seen_from_two_views(key: StudyKey) -> StudyKey:
@@ -386,8 +386,8 @@ def test_two_views_of_a_clip_are_two_votes_of_one_rater_and_no_agreement(protoco
         return replace(one, answers=tuple(answers))
 
     (result,) = analyse_participants([on_both(one) for one in people], key)
-    alpha = result.find_estimate(f"krippendorff_alpha_{result.level}")
-    assert result.num_units == 2 * 20 * 3
+    alpha = result.find_estimate(f"krippendorff_alpha_{result.measurement_level}")
+    assert result.num_shared_items == 2 * 20 * 3
     assert abs(alpha.value) < 0.1 and alpha.low < 0 < alpha.high
 
 
@@ -405,5 +405,5 @@ def test_resamples_that_cannot_differ_give_no_interval() -> None:
     known = [number for number in (*numbers, *of_means, alike[1]) if number.low is not None]
     assert len(known) == 2 + 1 + 1 + 2 + 2 + 1 + 1
     for number in known:
-        assert not np.isfinite(number.limits[1]) and not np.isfinite(number.limits[2])
+        assert not np.isfinite(number.value_and_limits[1:]).any()
         assert format_interval(number) == "unknown" and number.significant_side == 0

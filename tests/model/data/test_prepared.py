@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from model.data.prepared import prepare
-from model.data.recordings import DataError, augmented_copy, encode_clip, read_split
+from model.data.recordings import DataError, augmented_copy, cut_and_encode_speech, read_split
 from model.motion.motion import save_motion
 from model.speech.audio import Speech, write_wav
 from model.speech.features import NUM_MELS, MelEncoder
@@ -37,7 +37,7 @@ def test_training_recordings_alone_have_copies(data):
     ]
     stops = [clip.stop for clip in data.clips]
     assert [clip.start for clip in data.clips] == [0, *stops[:-1]]
-    for array in (data.poses, data.transl, data.expression, data.speech):
+    for array in (data.poses, data.transl, data.arkit_weights, data.speech):
         assert len(array) == stops[-1]
     for clip in data.clips:
         assert 120 / 1.1 - 1 < clip.num_frames < 120 / 0.9 + 1
@@ -48,7 +48,7 @@ def test_a_full_disk_leaves_no_cache_that_looks_whole(data_folder, tmp_path, mon
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("model.data.prepared.arkit_weights", full)
+    monkeypatch.setattr("model.data.prepared.arkit_weights_or_zeros", full)
     with pytest.raises(WriteError, match="the disk is full"):
         prepare(data_folder, tmp_path / "cache", MelEncoder())
     (cache,) = tmp_path.iterdir()
@@ -66,7 +66,7 @@ def test_motion_stays_in_time_with_its_speech(copy):
     loudness = 0.02 + np.exp(-0.5 * ((samples - event - 0.5) / 3) ** 2)
     waveform = (made_waveform(160_000) * loudness).astype(np.float32)
     copied = augmented_copy(motion, Speech(waveform, "0" * 64), "1_ann_0_1_1", copy)
-    moved, features = encode_clip(*copied, MelEncoder())
+    moved, features = cut_and_encode_speech(*copied, MelEncoder())
     jump = int(np.argmax(moved.trans[:, 1]))
     loudest = int(np.argmax(np.convolve(features[:, NUM_MELS], np.ones(5), "same")))
     assert abs(jump - loudest) <= 2
@@ -76,7 +76,7 @@ def test_motion_stays_in_time_with_its_speech(copy):
 
 def test_clips_shorter_than_a_window_are_told(data):
     with pytest.raises(DataError, match="None of the 6 clips is as long as a window"):
-        data.window_batch(data.clips_of_split("train"), 600, 2, np.random.default_rng(0))
+        data.draw_windows(data.clips_of_split("train"), 600, 2, np.random.default_rng(0))
 
 
 def test_real_beat2_clips_load_and_bad_ones_are_named(tmp_path, caplog):
@@ -95,9 +95,9 @@ def test_real_beat2_clips_load_and_bad_ones_are_named(tmp_path, caplog):
     assert f"Skipped {names[0]}: " in caplog.text
     assert "Skipped 2_scott_0_9_9: " in caplog.text and "2 of 3 clips were skipped" in caplog.text
     assert [(clip.name, clip.copy) for clip in data.clips] == [(names[1], 0), (names[1], 1)]
-    assert data.speakers == {2: "scott"}
+    assert data.speaker_names == {2: "scott"}
     assert data.clips[0].num_frames > 1500
-    assert not data.expression.any()  # FLAME coefficients are not face units
+    assert not data.arkit_weights.any()  # FLAME coefficients are not face units
 
 
 def test_copies_repeat_and_differ_and_the_recording_itself_is_as_without_them(
@@ -111,7 +111,7 @@ def test_copies_repeat_and_differ_and_the_recording_itself_is_as_without_them(
     clean = prepare(data_folder, tmp_path / "clean", MelEncoder())
     originals = [clip for clip in data.clips if clip.copy == 0]
     for clip, same in zip(originals, clean.clips, strict=True):
-        for name in ("poses", "transl", "expression", "speech"):
+        for name in ("poses", "transl", "arkit_weights", "speech"):
             rows = getattr(data, name)[clip.start : clip.stop]
             np.testing.assert_array_equal(rows, getattr(clean, name)[same.start : same.stop])
 
@@ -129,20 +129,20 @@ def test_arrays_are_used_again_and_only_for_what_they_were_made_for(
         name = "other"
 
     again = prepare(data_folder, copies, Never(), augmented_copies=2)
-    assert again.clips == data.clips and again.folder == data.folder
+    assert again.clips == data.clips and again.cache_folder == data.cache_folder
     first = prepare(data_folder, tmp_path / "prepared", MelEncoder())
     with pytest.raises(DataError, match="another version or with another encoder"):
         prepare(data_folder, tmp_path / "prepared", Other())
     moved, name = shutil.copytree(data_folder, tmp_path / "elsewhere"), "1_ann_0_0_0"
-    assert prepare(moved, tmp_path / "prepared", Never()).folder == first.folder
+    assert prepare(moved, tmp_path / "prepared", Never()).cache_folder == first.cache_folder
     save_motion(smooth_motion_example(120, 77), moved / "smplxflame_30" / f"{name}.npz")
     other = prepare(moved, tmp_path / "prepared", MelEncoder())
     assert [clip.name for clip in other.clips] == [clip.name for clip in first.clips]
     assert np.abs(first.poses[:120] - other.poses[:120]).max() > 0.01
     write_wav(moved / "wave16k" / f"{name}.wav", made_waveform(64_000, seed=9))
     third = prepare(moved, tmp_path / "prepared", MelEncoder())
-    assert len({first.folder, other.folder, third.folder}) == 3
-    assert first.folder.parent == other.folder.parent == third.folder.parent
+    assert len({first.cache_folder, other.cache_folder, third.cache_folder}) == 3
+    assert first.cache_folder.parent == other.cache_folder.parent == third.cache_folder.parent
 
 
 def test_bad_clips_are_named_skipped_and_counted_and_others_cut_to_the_shorter(
@@ -156,9 +156,9 @@ def test_bad_clips_are_named_skipped_and_counted_and_others_cut_to_the_shorter(
         data = prepare(folder, tmp_path / "cache", MelEncoder())
     frames = {clip.name: clip.num_frames for clip in data.clips}
     assert frames == {"1_ann_0_2_2": 120, "2_bob_0_1_1": 90}
-    assert len(data.poses) == len(data.speech) == len(data.expression) == 210
+    assert len(data.poses) == len(data.speech) == len(data.arkit_weights) == 210
     assert "1_ann_0_0_0" in caplog.text and "2 of 4 clips were skipped" in caplog.text
-    with pytest.raises(DataError, match="names no usable test clip"):
+    with pytest.raises(DataError, match="lists no usable test clip"):
         data.clips_of_split("test")
 
 

@@ -10,12 +10,12 @@ import torch
 from model.evaluation.classifiers import (
     BODY_PARTS_OF_METRIC,
     frame_loudness,
-    matched_speech_accuracy,
+    matched_speech_metrics,
     piece_tensors,
     speech_span,
     win_rate,
 )
-from model.evaluation.clips import read_recording
+from model.evaluation.clips import read_trimmed_recording
 from model.motion.motion import first_frames, load_motion
 from model.speech.audio import load_speech
 from model.speech.features import MelEncoder
@@ -48,10 +48,10 @@ def judge(made_once):
 
 def test_the_own_speech_is_preferred_and_another_is_not(judge):
     motion = made_motion(ENVELOPES[0])
-    found = matched_speech_accuracy(judge, motion, OWN, FOREIGN)
+    found = matched_speech_metrics(judge, motion, OWN, FOREIGN)
     assert set(found) == {*BODY_PARTS_OF_METRIC, "arm_speed_heard"}
     assert found["matched_arms"] > 0.95 and found["arm_speed_heard"] > 0.8
-    swapped = matched_speech_accuracy(judge, motion, FOREIGN, OWN)
+    swapped = matched_speech_metrics(judge, motion, FOREIGN, OWN)
     # The own speech is among the foreign pieces now, and beats all that stand beside it.
     assert swapped["matched_arms"] < 0.5 and swapped["arm_speed_heard"] < 0.3
 
@@ -60,8 +60,8 @@ def test_a_jaw_that_gives_all_away_is_not_seen_in_the_body(judge):
     motion = made_motion(ENVELOPES[0])
     poses = motion.poses.copy()
     poses[:, 66:69] = 0.1 * ENVELOPES[0][:, None]
-    talking = matched_speech_accuracy(judge, replace(motion, poses=poses), OWN, FOREIGN)
-    mute = matched_speech_accuracy(judge, motion, OWN, FOREIGN)
+    talking = matched_speech_metrics(judge, replace(motion, poses=poses), OWN, FOREIGN)
+    mute = matched_speech_metrics(judge, motion, OWN, FOREIGN)
     assert talking["matched"] == mute["matched"]
     assert talking["matched_face"] != 0.5 == mute["matched_face"]
 
@@ -78,24 +78,24 @@ def test_silence_around_the_speech_is_cut_away(judge):
     )
     padded = np.concatenate([silence, OWN, silence])
     assert speech_span(padded) == slice(200, 200 + FRAMES)
-    found = matched_speech_accuracy(judge, late, padded, np.concatenate([silence, FOREIGN]))
-    assert found == pytest.approx(matched_speech_accuracy(judge, motion, OWN, FOREIGN), abs=1e-6)
+    found = matched_speech_metrics(judge, late, padded, np.concatenate([silence, FOREIGN]))
+    assert found == pytest.approx(matched_speech_metrics(judge, motion, OWN, FOREIGN), abs=1e-6)
 
 
 def test_less_than_ten_seconds_have_no_measure(judge):
     motion, short = made_motion(ENVELOPES[0]), OWN[:299]
-    assert matched_speech_accuracy(judge, motion, short, FOREIGN) == {}
-    assert matched_speech_accuracy(judge, motion, OWN, FOREIGN[:299]) == {}
-    assert matched_speech_accuracy(judge, first_frames(motion, 299), OWN, FOREIGN) == {}
+    assert matched_speech_metrics(judge, motion, short, FOREIGN) == {}
+    assert matched_speech_metrics(judge, motion, OWN, FOREIGN[:299]) == {}
+    assert matched_speech_metrics(judge, first_frames(motion, 299), OWN, FOREIGN) == {}
     quiet = OWN.copy()
     quiet[:, 67] = 0.0  # nobody speaks
-    assert matched_speech_accuracy(judge, motion, quiet, FOREIGN) == {}
-    assert matched_speech_accuracy(judge, first_frames(motion, 300), OWN, FOREIGN) != {}
+    assert matched_speech_metrics(judge, motion, quiet, FOREIGN) == {}
+    assert matched_speech_metrics(judge, first_frames(motion, 300), OWN, FOREIGN) != {}
 
 
 def features_of(path: Path) -> np.ndarray:
     speech = load_speech(path)
-    return MelEncoder().encode(speech.waveform, speech.num_frames)
+    return MelEncoder().encode(speech.waveform, speech.num_motion_frames)
 
 
 def test_the_bundled_judge_finds_the_speech_of_the_example(bundled):
@@ -104,7 +104,7 @@ def test_the_bundled_judge_finds_the_speech_of_the_example(bundled):
     own = features_of(next((EXAMPLES / "procedural_speaker").glob("*.wav")))
     late = replace(motion, poses=np.roll(motion.poses, 30, axis=0))
     for path in sorted(EXAMPLES.glob("*.wav")):
-        found = matched_speech_accuracy(bundled, motion, own, features_of(path))
+        found = matched_speech_metrics(bundled, motion, own, features_of(path))
         assert [found[measure] for measure in BODY_PARTS_OF_METRIC] == [1.0] * 3
         assert found["arm_speed_heard"] > 0.1
     agreed = [
@@ -120,10 +120,14 @@ def test_the_bundled_judge_finds_the_speech_of_the_example(bundled):
 
 def test_the_bundled_judge_reads_the_lips_of_real_people(bundled):
     folder = beat2_folder()
-    recordings = [read_recording(folder, name) for name in ("2_scott_0_1_1", "2_scott_0_2_2")]
-    heard = [MelEncoder().encode(speech.waveform, speech.num_frames) for _, speech in recordings]
+    recordings = [
+        read_trimmed_recording(folder, name) for name in ("2_scott_0_1_1", "2_scott_0_2_2")
+    ]
+    heard = [
+        MelEncoder().encode(speech.waveform, speech.num_motion_frames) for _, speech in recordings
+    ]
     for (motion, _), own, foreign in zip(recordings, heard, heard[::-1], strict=True):
-        found = matched_speech_accuracy(bundled, motion, own, foreign)
+        found = matched_speech_metrics(bundled, motion, own, foreign)
         assert found["matched_face"] > 0.9
         assert found["matched"] > 0.5  # far from what it finds in the corpus
 
@@ -138,7 +142,7 @@ def test_loudness_is_in_decibels_by_frame_and_silent_after_the_end():
 def test_who_stands_still_is_at_chance_and_ties_count_half(judge):
     motion = made_motion(ENVELOPES[0])
     still = replace(motion, poses=np.repeat(motion.poses[:1], FRAMES, axis=0))
-    found = matched_speech_accuracy(judge, still, OWN, FOREIGN)
+    found = matched_speech_metrics(judge, still, OWN, FOREIGN)
     assert [found[measure] for measure in BODY_PARTS_OF_METRIC] == [0.5] * 3
     assert found["arm_speed_heard"] == pytest.approx(0, abs=1e-3)
     others = torch.tensor([[0.4, 0.6, 0.5], [0.1, 0.1, 0.1]])

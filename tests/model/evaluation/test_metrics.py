@@ -14,7 +14,7 @@ from model.metrics import beats, reference_error
 from model.metrics.reference_error import l1_distance_to_mean
 from model.motion.motion import first_frames
 from model.motion.packing import MOTION_DIM, Normaliser
-from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
+from model.networks.autoencoder import FrozenMotionEncoder, MotionAutoencoder
 from model.systems.helpers.config import AUTOENCODERS, EVALUATION_ENCODER
 from tests.helpers import smooth_motion_example
 from tests.model.made import shaken
@@ -89,7 +89,7 @@ def test_split_half_floor_is_above_zero_and_below_another_distribution():
 def test_features_are_one_for_every_eight_frames_and_the_same_for_any_cut():
     network = shaken(MotionAutoencoder(EVALUATION_ENCODER)).requires_grad_(False)
     statistics = Normaliser(torch.zeros(MOTION_DIM), torch.ones(MOTION_DIM))
-    encoder = FrozenEncoder(network, statistics, "")
+    encoder = FrozenMotionEncoder(network, statistics, "")
     motion = smooth_motion_example(400)
     features = frechet.motion_features(encoder, motion)
     assert features.shape == (50, 32)
@@ -107,7 +107,9 @@ def test_features_are_one_for_every_eight_frames_and_the_same_for_any_cut():
     np.testing.assert_allclose(rest[6:], features[16:], atol=1e-4)
     shape = AUTOENCODERS["fed-encoder"]
     statistics = Normaliser(torch.zeros(52), torch.ones(52))
-    face = FrozenEncoder(MotionAutoencoder(shape).eval().requires_grad_(False), statistics, "")
+    face = FrozenMotionEncoder(
+        MotionAutoencoder(shape).eval().requires_grad_(False), statistics, ""
+    )
     assert frechet.motion_features(face, motion).shape == (50, 32)
     faceless = replace(motion, expression_basis="flame100")
     assert frechet.motion_features(face, faceless) is None
@@ -142,9 +144,11 @@ def test_div_is_the_mean_of_eq_17_over_batches():
     ]
     found = window_diversity(clips)
     order = np.random.default_rng(0).permutation(100)
-    sizes = [len(batch) for batch in reference_error.window_batches(120)]
+    sizes = [len(batch) for batch in reference_error.shuffled_window_batches(120)]
     assert sizes == [50, 50, 20]
-    assert sorted(np.concatenate(list(reference_error.window_batches(120)))) == list(range(120))
+    assert sorted(np.concatenate(list(reference_error.shuffled_window_batches(120)))) == list(
+        range(120)
+    )
     halves = [np.concatenate(clips)[batch] for batch in (order[:50], order[50:])]
     for name, dim in (("div", 217), ("div_gesture", 165)):
         expected = np.mean([slow_diversity(half[..., :dim]) for half in halves])
@@ -168,7 +172,7 @@ def test_a_clip_drawn_twice_is_no_pair_with_itself():
 
 def test_windows_hold_every_second_frame_end_to_end():
     motion = smooth_motion_example(150)
-    windows = reference_error.cut_into_windows(motion)
+    windows = reference_error.diversity_windows(motion)
     assert windows.shape == (2, 30, 217)
     np.testing.assert_allclose(windows[1, 3, :165], motion.poses[66], atol=1e-5)
     np.testing.assert_array_equal(windows[1, 3, 165:], motion.expressions[66, :52])
@@ -176,11 +180,11 @@ def test_windows_hold_every_second_frame_end_to_end():
     axis = turned[:, :3] / np.linalg.norm(turned[:, :3], axis=1, keepdims=True)
     turned[:, :3] += 2 * np.pi * axis  # the same rotation, told in another way
     np.testing.assert_allclose(
-        reference_error.cut_into_windows(replace(motion, poses=turned)), windows, atol=1e-4
+        reference_error.diversity_windows(replace(motion, poses=turned)), windows, atol=1e-4
     )
-    assert reference_error.cut_into_windows(first_frames(motion, 59)).shape == (0, 30, 217)
+    assert reference_error.diversity_windows(first_frames(motion, 59)).shape == (0, 30, 217)
     flame = replace(motion, expression_basis="flame100")
-    assert reference_error.cut_into_windows(flame).shape == (2, 30, 165)
+    assert reference_error.diversity_windows(flame).shape == (2, 30, 165)
 
 
 def test_face_error_looks_at_the_columns_in_use():

@@ -19,15 +19,15 @@ from model.evaluation.adherence import (
 )
 from model.evaluation.plan_detection import (
     DetectionCounts,
-    agreement,
+    detection_counts_by_metric,
     match_intervals,
     match_points,
     merge_adjacent_holds,
 )
 from model.plan import detection
 from model.plan.detection import PhaseNetwork
-from model.plan.editing import Gesture, add_gesture, gestures, scale_gesture
-from model.plan.kinds import REST_POSITION, USUAL_STROKE_ENDS
+from model.plan.editing import GestureKey, add_gesture, gestures, scale_gesture
+from model.plan.kinds import REST_POSITION, USUAL_STROKE_GOALS
 from model.plan.plan import SIDES, GesturePlan
 from model.plan.plan_features import hand_tracks, plan_tracks
 from tests.model.plan.made import made_plan, phase
@@ -68,7 +68,7 @@ def test_a_stroke_that_nobody_makes_is_none(plan):
 
 
 def test_the_asked_hand_moves_and_the_other_stays(plan):
-    places, gesture = planned_places(plan), Gesture("right", 5.0)
+    places, gesture = planned_places(plan), GestureKey("right", 5.0)
     assert only_one_hand_moves(places, plan, gesture) is True
     assert only_one_hand_moves({**places, "left": places["right"]}, plan, gesture) is False
     assert only_one_hand_moves({**places, "right": places["left"]}, plan, gesture) is False
@@ -81,8 +81,8 @@ def test_the_asked_hand_moves_and_the_other_stays(plan):
 
 
 def test_a_gesture_is_as_large_as_it_ends_far_from_rest(plan):
-    gesture = Gesture("right", 5.0)
-    usual = math.dist(USUAL_STROKE_ENDS["stop"], REST_POSITION)
+    gesture = GestureKey("right", 5.0)
+    usual = math.dist(USUAL_STROKE_GOALS["stop"], REST_POSITION)
     for size in (0.6, 1.0, 1.4):
         larger = scale_gesture(plan, gesture, size).plan
         measured = gesture_size(planned_places(larger), gesture)
@@ -151,11 +151,11 @@ def test_holds_that_follow_on_holds_are_one():
 
 
 def test_a_plan_agrees_with_itself_in_everything():
-    counts = agreement(made_plan(), made_plan())
+    counts = detection_counts_by_metric(made_plan(), made_plan())
     assert {
         question: one.f1 for question, one in counts.items() if one.num_annotated
     } == dict.fromkeys([q for q, one in counts.items() if one.num_annotated], 1.0)
-    moved = agreement(made_plan().at_speed(1.5), made_plan())
+    moved = detection_counts_by_metric(made_plan().at_speed(1.5), made_plan())
     assert moved["ends of strokes"].num_matched == 0 and moved["nods"].num_matched == 1
 
 

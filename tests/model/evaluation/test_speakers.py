@@ -12,17 +12,21 @@ from model.evaluation.classifiers import (
     PIECE_FRAMES,
     SpeakerClassifier,
     SpeakerComparisonClips,
-    append_silence,
     arm_speaker_effect,
+    calm_and_lively_wrist_speeds,
+    cut_and_append_silence,
     fit_discriminant,
     fit_speaker_classifier,
     style_features,
-    wrist_speeds,
 )
 from model.generation.windows import GenerateOptions, generate_motion
-from model.metrics.speech_effect import arm_rotation_correlation, arm_speed, silence_speed_ratio
+from model.metrics.speech_effect import (
+    arm_angular_speed_deg_s,
+    arm_rotation_correlation,
+    silence_speed_ratio,
+)
 from model.motion.motion import Motion, first_frames, save_motion
-from model.sampling.samplers import DEFAULT_SAMPLING, clip_seed
+from model.sampling.samplers import DEFAULT_SAMPLING, noise_seed_of_clip
 from model.systems.registry import load_system
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_speech, make_data_folder
@@ -46,7 +50,7 @@ def test_the_share_of_the_speaker_is_that_of_every_pair_one_by_one(share):
     alike: dict[str, list[float]] = {"speaker": [], "neither": []}
     for ((one, seed), a), ((other, seed_), b) in combinations(motions.items(), 2):
         if seed != seed_:
-            r = float(np.corrcoef(arm_speed(a), arm_speed(b))[0, 1])
+            r = float(np.corrcoef(arm_angular_speed_deg_s(a), arm_angular_speed_deg_s(b))[0, 1])
             alike["speaker" if one == other else "neither"].append(r)
     found = arm_speaker_effect(motions)
     wanted = np.mean(alike["speaker"]) - np.mean(alike["neither"])
@@ -70,7 +74,7 @@ def swinging(speed: float) -> Motion:
 def test_a_calm_speaker_moves_the_wrists_so_much_less():
     calm, lively = swinging(0.25), swinging(0.5)
     motions = {("june", 0): lively, ("hana", 0): calm, ("hana", 1): lively}
-    slow, fast = wrist_speeds(motions, ("hana", "june")).values()
+    slow, fast = calm_and_lively_wrist_speeds(motions, ("hana", "june")).values()
     assert slow == pytest.approx(0.75 * fast, rel=1e-3)
     assert 0.4 < fast / 0.5 < 0.65, "metres from shoulder to wrist"
 
@@ -149,8 +153,8 @@ PAIR = "bob", "ann"
 def test_silence_follows_ten_seconds_or_what_there_is():
     for given, kept in ((4, 4), (12, 10)):
         speech = made_speech(16_000 * given)
-        heard = append_silence(speech)
-        assert heard.num_frames == 30 * (kept + 5)
+        heard = cut_and_append_silence(speech)
+        assert heard.num_motion_frames == 30 * (kept + 5)
         end = 16_000 * kept
         np.testing.assert_array_equal(heard.waveform[:end], speech.waveform[:end])
         assert not heard.waveform[end:].any()
@@ -158,17 +162,17 @@ def test_silence_follows_ten_seconds_or_what_there_is():
 
 def test_numbers_are_those_of_motions_made_one_by_one(data_folder, weights):
     found = load_system("globaldiff/local", weights)
-    system = replace(found, samplers=(replace(found.samplers[0], steps=1),))
+    system = replace(found, samplers=(replace(found.samplers[0], default_steps=1),))
     few = SpeakerComparisonClips.choose(data_folder, CLIPS[:1], [system], PAIR)
     name, speech = CLIPS[0], read_motion_and_speech(data_folder, CLIPS[0])[1]
-    found = few.measures(system, name, speech, DEFAULT_SAMPLING)
+    found = few.few_clip_metrics(system, name, speech, DEFAULT_SAMPLING)
     made = {}
     for speaker in PAIR:
-        options = GenerateOptions(speaker, seed=clip_seed(0, name), samples=2)
-        made[speaker] = generate_motion(system, append_silence(speech), options)
+        options = GenerateOptions(speaker, seed=noise_seed_of_clip(0, name), num_samples=2)
+        made[speaker] = generate_motion(system, cut_and_append_silence(speech), options)
     spoken = {who: [first_frames(motion, 120) for motion in own] for who, own in made.items()}
     motions = {(who, seed): m for who, own in spoken.items() for seed, m in enumerate(own)}
-    speeds = wrist_speeds(motions, PAIR)
+    speeds = calm_and_lively_wrist_speeds(motions, PAIR)
     assert {name: found[name] for name in speeds} == pytest.approx(speeds, rel=1e-6)
     alike = [arm_rotation_correlation(*pair) for pair in zip(*spoken.values(), strict=True)]
     assert found["arm_rotations_other_speaker"] == pytest.approx(np.mean(alike), abs=1e-6)
@@ -178,4 +182,6 @@ def test_numbers_are_those_of_motions_made_one_by_one(data_folder, weights):
         for motion in own
     ]
     assert found["arms_in_silence"] == pytest.approx(np.mean(silent), rel=1e-6)
-    assert few.measures(system, CLIPS[1], speech, DEFAULT_SAMPLING) == {}, "not among the few"
+    assert few.few_clip_metrics(system, CLIPS[1], speech, DEFAULT_SAMPLING) == {}, (
+        "not among the few"
+    )

@@ -200,7 +200,7 @@ def planted(name: str, kind: str, plant: Fault, also: str = "", **more: Any) -> 
 
 
 LATE = frames(lambda frame: np.maximum(frame - 15, 0))
-EVERY_52 = {"period_frames": 52, "phase_frame": 5}
+EVERY_52 = {"period_frames": 52, "frame_in_period": 5}
 PLANTED = (
     planted("1 Hz low-pass", "jerk", low_passed(1.0), says="as if low-pass filtered"),
     planted("2 Hz low-pass", "high_frequency", low_passed(2.0), says="as if low-pass filtered"),
@@ -235,7 +235,7 @@ PLANTED = (
             windows=Windowing(68, 8), says="every 52 frames (1.73 s)", numbers=EVERY_52),
     planted("jumps every 52 frames, windows known", "seams", jumping, "jerk",
             windows=Windowing(60, 8), says="every 52 frames (1.73 s)",
-            numbers={"window_advance_frames": 52, "phase_frame": 5}),
+            numbers={"window_advance_frames": 52, "frame_in_period": 5}),
     planted("lift of 20 cm", "lifted", moved_by(lambda _: 0.2, 1), "copied_face",
             beside="reference", says="20 cm above", numbers={"height_m": 0.2}),
     planted("lift of 20 cm for 2 s", "floating", moved_by(bump(300, 60, 0.2), 1),

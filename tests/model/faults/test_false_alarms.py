@@ -58,8 +58,8 @@ def told_of(motion: Motion, loud: np.ndarray) -> list[str]:
                 continue
             judged += 1
             said += [f"{start}+{frames}: {found.sentence}" for found in find_faults(analysed)]
-            if analysed.raw.seams.period is not None:
-                said.append(f"{start}+{frames}: a period of {analysed.raw.seams.period.frames}")
+            if analysed.metrics.seams.period is not None:
+                said.append(f"{start}+{frames}: a period of {analysed.metrics.seams.period.frames}")
         sys.stdout.write(f"cuts of {frames} frames: {judged} judged, {left_out} hold a step\n")
     return said
 

@@ -17,8 +17,8 @@ from model.faults.analysis import (
     Finding,
     format_time,
     longest_true_ranges,
+    most_serious_first,
     rank_findings,
-    sort_by_severity,
 )
 from model.faults.table import FAULTS, STILL, drop_findings_on_missing_parts, find_faults
 from model.formats.read import read_any_motion
@@ -78,7 +78,7 @@ def test_a_planted_fault_is_found_and_told(example, planted):
     analysed = evidence_of(planted.plant(example.motion), example, planted)
     found = find_faults(analysed)
     assert {finding.kind for finding in found} == {planted.kind, *planted.also}
-    assert found == sort_by_severity(found)
+    assert found == most_serious_first(found)
     assert found[0].kind == (planted.first or planted.kind)
     finding = next(finding for finding in found if finding.kind == planted.kind)
     assert finding.limit_ratio >= 1.0 and finding.sentence.endswith(".")
@@ -87,9 +87,12 @@ def test_a_planted_fault_is_found_and_told(example, planted):
         if isinstance(value, float):
             value = pytest.approx(value, rel=0.03, abs=0.01)
         assert finding.numbers.get(name) == value, (name, finding.numbers)
+    if (unit := finding.numbers.get("unit")) == "%":
+        (printed,) = re.findall(rf" ([\d.]+) {unit}", finding.message)
+        assert finding.numbers["value"] == pytest.approx(float(printed), rel=0.06)
     for first, last in finding.frame_ranges:
         assert 0 <= first <= last < example.motion.num_frames
-    measured = {"clean": example.analysed.raw, "planted": analysed.raw}
+    measured = {"clean": example.analysed.metrics, "planted": analysed.metrics}
     numbers: Any = {name: {"raw": metric_values(raw)} for name, raw in measured.items()}
     headline = make_verdict("right_middle", [numbers], is_generated=False)
     assert rank_findings({"clean": [], "planted": found})[0][0] == "planted"

@@ -96,7 +96,7 @@ def test_limbs_of_each_naming_convention_point_as_in_the_file(tmp_path: Path, na
     split = 2.0 if name == "MakeHuman" else 0.01  # its bones are two that turn apart
     assert max(angles_deg(path, name).values()) < split
     reading = read_any_motion(path)
-    joints, layout = reading.of("joints"), reading.of("layout")
+    joints, layout = reading.assumption_of("joints"), reading.assumption_of("layout")
     assert joints is not None and f" {AT_REST[name]} SMPL-X joints stay at rest" in joints.reason
     assert joints.confidence == "sure" and layout is not None
     assert (layout.confidence == "unsure") == CONVENTIONS[name].is_unsure
@@ -116,7 +116,7 @@ def test_without_names_an_elbow_that_lengths_do_not_tell_is_told_as_unsure(tmp_p
         text = text.replace(f"Left{part}", f"Left{number}").replace(
             f"Right{part}", f"Right{number}"
         )
-    told = read(tmp_path, text).of("joints")
+    told = read(tmp_path, text).assumption_of("joints")
     assert told is not None and told.confidence == "unsure"
     assert "their names do not say which joint is the elbow;" in told.reason
 
@@ -157,7 +157,7 @@ def test_numbers_in_names_say_which_joint_of_a_finger_it_is(tmp_path: Path):
     """Where a bone of the palm, which has none, stands before them."""
     less = str.maketrans({"1": "", "2": "1", "3": "2"})
     names = [JOINT_NAMES[j].translate(less) if j in HANDS else JOINT_NAMES[j] for j in WHOLE]
-    told = read(tmp_path, text_of(WHOLE, names)).of("joints")
+    told = read(tmp_path, text_of(WHOLE, names)).assumption_of("joints")
     assert told is not None and "; 10 are not used, " in told.reason
 
 
@@ -297,5 +297,5 @@ def test_twist_joints_within_a_limb_are_part_of_its_bones(tmp_path: Path):
         Rotation.from_rotvec(each.motion.poses.reshape(-1, 55, 3)[:, joints].reshape(-1, 3))
         for each in (reading, plain)
     ]
-    assert reading.of("joints") is not None
+    assert reading.assumption_of("joints") is not None
     assert np.degrees((turns[0].inv() * turns[1]).magnitude()).max() < 25  # another rest pose

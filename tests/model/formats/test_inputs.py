@@ -149,7 +149,7 @@ def test_what_is_refused_or_unsure_can_be_told(name: str, assume: str, frames: i
         pytest.skip("no files as people save them here (shared/data/inputs)")
     reading = read_any_motion(INPUTS / name, parse_import_overrides(assume))
     assert reading.motion.num_frames == frames
-    told = reading.of(assume.split("=")[0])  # type: ignore[arg-type]
+    told = reading.assumption_of(assume.split("=")[0])  # type: ignore[arg-type]
     assert told is not None and told.confidence == "user"
 
 
@@ -197,7 +197,7 @@ def test_what_is_told_overrules_what_the_motion_says(seed: int, tmp_path: Path):
 def test_files_of_others_open(name: str, frames: int, told: dict[str, str]):
     reading = read_any_motion(foreign_folder() / name)
     assert reading.motion.num_frames == frames
-    said = {each.kind: each.value for each in reading.assumptions if not each.is_default}
+    said = {each.kind: each.value for each in reading.assumptions if not each.is_own_convention}
     assert {kind: said.get(kind) for kind in told} == told
     assert bool(said) == bool(told)
     joints = joints_of(reading.motion)

@@ -12,7 +12,7 @@ from conventions.joints import HANDS
 from model.formats.convention_detection import RELAXED_HANDS
 from model.formats.motion_draft import rotation_layout
 from model.formats.numpy_reader import CONVERT_PICKLE_COMMAND
-from model.formats.parameters import motion_files
+from model.formats.parameters import files_with_motion_names
 from model.formats.read import read_any_motion, read_mean_hand_pose
 from model.formats.reading import ImportedMotion, parse_import_overrides
 from model.metrics.smoothness import derivative_magnitudes
@@ -51,7 +51,7 @@ def refusal(path: Path, assume: str = "") -> str:
 
 
 def value_of(reading: ImportedMotion, kind: str) -> tuple[str, str]:
-    found = reading.of(kind)  # type: ignore[arg-type]
+    found = reading.assumption_of(kind)  # type: ignore[arg-type]
     assert found is not None
     return found.value, found.confidence
 
@@ -245,7 +245,7 @@ def test_a_folder_with_a_file_for_each_parameter_is_one_motion(tmp_path: Path, l
         file.parent.mkdir(parents=True, exist_ok=True)
         np.save(file, PARAMETERS[part])
     np.save(tmp_path / "whole.npy", MOTION.poses)
-    ((path, name), (whole, _)) = motion_files(tmp_path)
+    ((path, name), (whole, _)) = files_with_motion_names(tmp_path)
     assert whole.name == "whole.npy" and path == files["smplx_mesh_global_orient"]
     assert str(name) == ("AAA111/a.npy" if "AAA" in layout else "a.npy")
     for each in (path, files["smplx_mesh_transl"]):
@@ -253,13 +253,15 @@ def test_a_folder_with_a_file_for_each_parameter_is_one_motion(tmp_path: Path, l
         np.testing.assert_allclose(reading.motion.poses[:, :66], MOTION.poses[:, :66], atol=1e-6)
         np.testing.assert_allclose(reading.motion.trans, MOTION.trans, atol=1e-6)
     files["smplx_mesh_body_pose"].unlink()
-    assert len(list(motion_files(tmp_path))) == len(PARAMETERS)
+    assert len(list(files_with_motion_names(tmp_path))) == len(PARAMETERS)
     assert "give the folder of all its files" in refusal(files["smplx_mesh_transl"])
 
 
 def test_quaternions_do_not_offer_their_own_form_among_the_others(tmp_path: Path):
     for form in ("quaternion-wxyz", "quaternion-xyzw", "6d"):
-        found = read_any_motion(written(tmp_path, poses=in_form(POSES, form))).of("rotations")
+        found = read_any_motion(written(tmp_path, poses=in_form(POSES, form))).assumption_of(
+            "rotations"
+        )
         assert found is not None and found.value == form and found.alternatives
         assert form not in found.alternatives
 
@@ -294,8 +296,8 @@ def test_a_heading_is_turned_only_where_it_is_kept_throughout(tmp_path: Path):
     poses = POSES.copy()
     poses[:, 0] = 0
     poses[:, 0, 1] = np.linspace(0, 2 * np.pi, 60)  # turns once about itself
-    facing = read_any_motion(written(tmp_path, poses=poses)).of("facing")
-    assert facing is not None and facing.value == "as-is" and facing.is_default
+    facing = read_any_motion(written(tmp_path, poses=poses)).assumption_of("facing")
+    assert facing is not None and facing.value == "as-is" and facing.is_own_convention
     poses[:, 0, 1] = np.radians(80)
     path = written(tmp_path, poses=poses)
     assert value_of(read_any_motion(path), "facing") == ("x", "likely")

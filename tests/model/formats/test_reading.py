@@ -16,14 +16,14 @@ from tests.helpers import smooth_motion_example
 
 MOTION = smooth_motion_example(4)
 UP = Assumption("up", "z", "it stands along it", "unsure", ("y", "x"))
-USUAL = Assumption("rate", "30", "as stated", "stated", is_default=True)
+USUAL = Assumption("rate", "30", "as stated", "stated", is_own_convention=True)
 
 
 def test_a_note_names_file_value_reason_and_the_way_out():
     reading = ImportedMotion(MOTION, (UP, USUAL), "a.npz")
     (note,) = reading.notes
     assert note == "a.npz: up axis z, it stands along it (if this is wrong, use --assume up=y|x)."
-    assert reading.of("up") is UP and reading.of("hands") is None
+    assert reading.assumption_of("up") is UP and reading.assumption_of("hands") is None
     assert UP.as_json() == {
         "kind": "up",
         "value": "z",

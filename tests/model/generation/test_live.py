@@ -5,18 +5,18 @@ import pytest
 import torch
 
 from model.generation.base import SpeechWindow
-from model.generation.live import LiveMotion, Pace
+from model.generation.live import LiveGenerator, Pace
 from model.generation.windows import GenerateOptions, MotionAssembler, WindowChain
 from model.motion.motion import concatenate
 from model.systems.globaldiff.config import PRIORFLOW
 
-PACE = Pace(hop=10, look_ahead=12)
+PACE = Pace(min_hop=10, look_ahead=12)
 OPTIONS = GenerateOptions(speaker="ann", steps=2, seed=3)
 FEATURES = torch.randn(400, 68, generator=torch.Generator().manual_seed(1))
 SYSTEMS = ["globaldiff/local", "globaldiff/global", PRIORFLOW, "gan/5", "asynfusion/lcm-sync"]
 
 
-def streamed(live: LiveMotion, blocks):
+def streamed(live: LiveGenerator, blocks):
     """All frames, in pieces as they became final."""
     pieces = []
     for block in blocks:
@@ -27,7 +27,7 @@ def streamed(live: LiveMotion, blocks):
 
 
 def test_frames_are_final_ten_at_a_time_and_twelve_behind_the_speech(loaded):
-    live = LiveMotion(loaded("gan/5"), OPTIONS, PACE)
+    live = LiveGenerator(loaded("gan/5"), OPTIONS, PACE)
     live.add_features(FEATURES[:21])
     assert not live.is_due
     live.add_features(FEATURES[21:22])
@@ -42,7 +42,7 @@ def test_the_stream_equals_windows_of_the_same_hops_and_draws(loaded, name):
     """Made apart from the stream: every window from all of the speech that was heard by then, so
     that nothing to come can have changed it."""
     system, num_frames, sizes = loaded(name), 120, [3, 14, 6] * 5 + [5]
-    live = LiveMotion(system, OPTIONS, Pace(hop=9, look_ahead=11))
+    live = LiveGenerator(system, OPTIONS, Pace(min_hop=9, look_ahead=11))
     pieces = streamed(live, FEATURES[:num_frames].split(sizes))
     chain, motion = WindowChain(system, OPTIONS), MotionAssembler(system)
     cut, start, offline = system.windowing, 0, []
@@ -56,7 +56,7 @@ def test_the_stream_equals_windows_of_the_same_hops_and_draws(loaded, name):
         first = 50 + start - cut.context
         speech = all_speech[first : first + cut.frames + 2 * cut.context]
         window = chain.generate_joined(SpeechWindow(speech), hop)
-        offline += motion.append(window.part(slice(hop)))
+        offline += motion.next_motions(window.part(slice(hop)))
         start += hop
     assert len(pieces) == len(offline) > 6
     one, other = concatenate(pieces), concatenate(offline)
@@ -66,16 +66,16 @@ def test_the_stream_equals_windows_of_the_same_hops_and_draws(loaded, name):
 
 def test_memory_does_not_grow_and_place_does_not_drift(loaded):
     system = loaded(PRIORFLOW)
-    live = LiveMotion(system, OPTIONS, PACE)
+    live = LiveGenerator(system, OPTIONS, PACE)
     pieces = streamed(live, FEATURES.repeat(2, 1).split(52))
     assert len(live._speech) < 4 * 60 + 2 * 2 * system.windowing.context + 60 < 600
-    assert system.root_motion == "place"
+    assert system.root_format == "place"
     assert np.abs(concatenate(pieces).trans[:, [0, 2]]).max() < 3.0
 
 
-@pytest.mark.parametrize("pace", [Pace(hop=7), Pace(hop=53), Pace(look_ahead=7)])
+@pytest.mark.parametrize("pace", [Pace(min_hop=7), Pace(min_hop=53), Pace(look_ahead=7)])
 def test_a_pace_that_windows_cannot_keep_is_refused(loaded, pace):
     with pytest.raises(
         ValueError, match="gan/5 needs a hop of 8 to 52 frames and a look_ahead of at least 8"
     ):
-        LiveMotion(loaded("gan/5"), OPTIONS, pace)
+        LiveGenerator(loaded("gan/5"), OPTIONS, pace)

@@ -10,14 +10,14 @@ from model.generation.regenerate import (
     STATE_SUFFIX,
     GenerationState,
     StateError,
-    load_state,
     regenerate,
-    save_state,
+    restore_state,
+    save_windows,
 )
 from model.generation.windows import GenerateOptions, generate_motion
-from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
+from model.motion.kinematics import forward_kinematics, open_body_skeleton
 from model.motion.motion import Motion, concatenate
-from model.plan.editing import Gesture, add_gesture, delete_gesture, with_event
+from model.plan.editing import GestureKey, add_event, add_gesture, delete_gesture
 from model.plan.plan import GesturePlan, Nod
 from model.systems.planned.config import PLANNED
 from model.systems.registry import load_system
@@ -31,7 +31,7 @@ SPEECH = made_speech(16_000 * SECONDS)
 PLAN = resting(float(SECONDS))
 for at in (2.0, 6.0, 12.0):
     PLAN = add_gesture(PLAN, "offer", at, "right").plan
-WITHOUT = delete_gesture(PLAN, Gesture("right", 6.0)).plan
+WITHOUT = delete_gesture(PLAN, GestureKey("right", 6.0)).plan
 
 
 def options(plan: GesturePlan) -> GenerateOptions:
@@ -73,7 +73,7 @@ def test_only_what_was_changed_is_performed_anew(system, first, changed, where):
     at, plan = {
         "middle": (6.0, WITHOUT),
         "start": (1.0, add_gesture(PLAN, "you", 1.0, "left").plan),
-        "end": (13.8, with_event(PLAN, Nod(13.8, 6.0)).plan),
+        "end": (13.8, add_event(PLAN, Nod(13.8, 6.0)).plan),
     }[where]
     again = changed if plan is WITHOUT else regenerate(system, SPEECH, options(plan), first)
     (fresh,) = again.changed_frames
@@ -99,7 +99,7 @@ def test_an_edit_taken_back_is_the_first_performance_nearly(system, first, chang
 
 def test_where_new_goes_over_into_old_it_is_as_smooth_as_elsewhere(changed):
     motion = changed.motion
-    _, joints = joint_positions_from_local(
+    _, joints = forward_kinematics(
         motion.local_rotations(), open_body_skeleton(), torch.from_numpy(motion.trans)
     )
     jerk = joints.diff(n=3, dim=0).norm(dim=-1).mean(dim=1).numpy()
@@ -116,7 +116,7 @@ def test_pieces_put_together_are_the_motion_and_what_did_not_change_comes_first(
         asked_after.append(len(pieces))
         return False
 
-    plan = delete_gesture(PLAN, Gesture("right", 12.0)).plan
+    plan = delete_gesture(PLAN, GestureKey("right", 12.0)).plan
     again = regenerate(system, SPEECH, options(plan), first, should_cancel, pieces.append)
     np.testing.assert_array_equal(arrays(concatenate(pieces)), arrays(again.motion))
     assert asked_after[0] == again.changed_frames[0].start // 52 > 0
@@ -124,21 +124,21 @@ def test_pieces_put_together_are_the_motion_and_what_did_not_change_comes_first(
 
 def test_a_performance_is_read_as_it_was_written(system, first, changed, tmp_path):
     path = tmp_path / f"take{STATE_SUFFIX}"
-    save_state(first, path)
-    read = load_state(path, system, PLAN, first.motion)
+    save_windows(first, path)
+    read = restore_state(path, system, PLAN, first.motion)
     assert torch.equal(read.conditioning, first.conditioning)
     again = regenerate(system, SPEECH, options(WITHOUT), read)
     np.testing.assert_array_equal(arrays(again.motion), arrays(changed.motion))
     path.write_bytes(path.read_bytes()[:1000])
     for broken in (path, tmp_path / "gone"):
         with pytest.raises(StateError, match="has expired"):
-            load_state(broken, system, PLAN, first.motion)
+            restore_state(broken, system, PLAN, first.motion)
 
 
 def test_it_stops_when_asked_to_and_refuses_what_it_cannot_keep(system, first):
     with pytest.raises(Cancelled):
         regenerate(system, SPEECH, options(PLAN), None, lambda: True)
     with pytest.raises(ValueError, match="Only one sample with one condition"):
-        regenerate(system, SPEECH, replace(options(PLAN), samples=2))
+        regenerate(system, SPEECH, replace(options(PLAN), num_samples=2))
     with pytest.raises(ValueError, match="Only one sample with one condition"):
         regenerate(system, SPEECH, replace(options(PLAN), conditions=()), first)

@@ -17,10 +17,10 @@ from model.generation.windows import (
     motion_pieces,
     single_threaded,
 )
-from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
+from model.motion.kinematics import forward_kinematics, open_body_skeleton
 from model.motion.motion import Motion, concatenate
 from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
-from model.sampling.samplers import clip_seed
+from model.sampling.samplers import noise_seed_of_clip
 from model.systems.globaldiff.config import PRIORFLOW
 from processes.job import Cancelled
 from tests.model.made import made_speech
@@ -59,14 +59,16 @@ def test_windows_of_speech_hold_both_its_ends():
     for start in (0, 52, 104, 156):
         window = SpeechWindow.of(features, start, 60, context=20)
         wanted = torch.arange(start - 20, start + 80).clamp(0, 199).float()
-        torch.testing.assert_close(window.speech[:, 0], wanted)
-        torch.testing.assert_close(window.with_context(0, 60)[:, 0], wanted[20:80])
-        torch.testing.assert_close(window.with_context(5, 60)[:, 0], wanted[15:85])
+        torch.testing.assert_close(window.features[:, 0], wanted)
+        torch.testing.assert_close(window.trim_context(0, 60)[:, 0], wanted[20:80])
+        torch.testing.assert_close(window.trim_context(5, 60)[:, 0], wanted[15:85])
 
 
 def test_clips_of_a_set_have_seeds_of_their_own_that_never_change():
-    assert clip_seed(0, "garden") == 1_008_839_452
-    seeds = {clip_seed(seed, name) for seed in range(50) for name in ("a", "b", "a b", "0 a")}
+    assert noise_seed_of_clip(0, "garden") == 1_008_839_452
+    seeds = {
+        noise_seed_of_clip(seed, name) for seed in range(50) for name in ("a", "b", "a b", "0 a")
+    }
     assert len(seeds) == 200 and all(0 <= seed < 2**31 for seed in seeds)
 
 
@@ -117,7 +119,7 @@ def test_each_window_fades_from_what_the_one_before_has_of_the_same_frames(small
 @pytest.mark.parametrize(("name", "num_frames"), LENGTHS)
 def test_pieces_are_the_whole(loaded, name, num_frames):
     system, speech = loaded(name), of_frames(num_frames)
-    options = GenerateOptions(speaker="ann", steps=2, samples=2, guidance=1.5)
+    options = GenerateOptions(speaker="ann", steps=2, num_samples=2, guidance=1.5)
     whole = generate_motion(system, speech, options)
     pieces = list(motion_pieces(system, speech, options))
     lengths = [piece.motions[0].num_frames for piece in pieces]
@@ -142,7 +144,7 @@ def test_seed_and_sample_and_speaker_decide_the_motion(small):
         options = GenerateOptions(**{"speaker": "ann", "steps": 2, **changes})
         return [m.poses for m in generate_motion(small, speech, options)]
 
-    first, second = poses(samples=2)
+    first, second = poses(num_samples=2)
     np.testing.assert_allclose(first, poses()[0], atol=1e-4)
     assert np.abs(first - second).max() > 1e-3
     assert np.abs(poses(seed=1)[0] - first).max() > 1e-3
@@ -153,7 +155,7 @@ def test_seed_and_sample_and_speaker_decide_the_motion(small):
 def test_joins_move_no_faster_than_the_inside(system):
     """Random weights give different windows; the fade must spread that over all shared frames."""
     (motion,) = generate_motion(system, of_frames(268), OPTIONS)
-    _, positions = joint_positions_from_local(motion.local_rotations(), open_body_skeleton())
+    _, positions = forward_kinematics(motion.local_rotations(), open_body_skeleton())
     step = positions[:, JOINT_INDEX["right_wrist"]].diff(dim=0).norm(dim=-1)
     shared = torch.zeros(len(step), dtype=torch.bool)
     for start in range(52, 268, 52):
@@ -169,7 +171,8 @@ def test_it_can_be_cancelled_before_each_window(small):
 
 
 @pytest.mark.parametrize(
-    "changes", [{"samples": 0}, {"steps": 0}, {"seed": -1}, {"guidance": -1.0}, {"guidance": 99.0}]
+    "changes",
+    [{"num_samples": 0}, {"steps": 0}, {"seed": -1}, {"guidance": -1.0}, {"guidance": 99.0}],
 )
 def test_options_out_of_range_are_refused(changes):
     with pytest.raises(ValueError, match=next(iter(changes))):
@@ -192,7 +195,7 @@ def test_guidance_is_a_straight_line_through_deaf_and_heard(system):
 def test_generation_is_told_for_each_frame_of_each_sample(small, monkeypatch):
     clock = iter([0.0, 1.2])
     monkeypatch.setattr(windows, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
-    found = windows.measure_ms_per_frame(small, of_frames(30), steps=1, samples=4)
+    found = windows.measure_ms_per_frame(small, of_frames(30), steps=1, num_samples=4)
     assert found == pytest.approx(10.0)  # 1.2 s for 4 x 30 frames
 
 

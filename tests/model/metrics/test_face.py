@@ -9,10 +9,10 @@ from conventions.joints import JOINT_INDEX
 from model.metrics.face import (
     blendshape_columns,
     count_blinks,
-    face_hand_correlation,
+    face_hand_correlation_above_chance,
     face_measures,
-    head_speed,
-    max_lag_correlation,
+    head_angular_speed_rad_s,
+    max_correlation_over_lags,
 )
 from model.motion.motion import Motion
 from tests.model.motion.made import about, along, posed
@@ -70,18 +70,24 @@ def hands(speed: np.ndarray) -> np.ndarray:
 
 def test_a_face_that_goes_with_the_hands_is_told_from_one_that_does_not():
     own, other, still = strokes(1), strokes(2), np.zeros(900)
-    together = face_hand_correlation(made(own, np.cumsum(own) / 30), hands(own))
-    apart = face_hand_correlation(made(other, np.cumsum(other) / 30), hands(own))
+    together = face_hand_correlation_above_chance(made(own, np.cumsum(own) / 30), hands(own))
+    apart = face_hand_correlation_above_chance(made(other, np.cumsum(other) / 30), hands(own))
     for name in ("brow_with_hands", "head_with_hands"):
         assert together[name] > 0.5 > 0.3 > abs(apart[name])
-    late = face_hand_correlation(made(np.roll(own, 10), np.cumsum(own) / 30), hands(own))
+    late = face_hand_correlation_above_chance(
+        made(np.roll(own, 10), np.cumsum(own) / 30), hands(own)
+    )
     assert late["brow_with_hands"] > 0.5
-    assert set(face_hand_correlation(made(still, still), hands(own)).values()) == {0.0}
-    assert face_hand_correlation(made(still[:200], still[:200]), hands(own[:200])) == {}
+    assert set(face_hand_correlation_above_chance(made(still, still), hands(own)).values()) == {0.0}
+    assert (
+        face_hand_correlation_above_chance(made(still[:200], still[:200]), hands(own[:200])) == {}
+    )
     for lag in (-12, 0, 12):  # frames, found on either side
-        assert max_lag_correlation(np.roll(own, lag)[50:-50], own[50:-50]) > 0.9
+        assert max_correlation_over_lags(np.roll(own, lag)[50:-50], own[50:-50]) > 0.9
 
 
 def test_the_heads_speed_is_in_radians_a_second():
     turning = np.arange(30) * 0.02
-    assert head_speed(made(turning, turning)) == pytest.approx(np.full(29, 0.6), abs=1e-3)
+    assert head_angular_speed_rad_s(made(turning, turning)) == pytest.approx(
+        np.full(29, 0.6), abs=1e-3
+    )

@@ -8,7 +8,7 @@ import pytest
 from conventions.rates import FPS, SAMPLE_RATE
 from model.faults.glitches import speech_lag
 from model.metrics.lag import find_lag, speech_bands_by_frame
-from model.motion.motion import Motion, load_motion, shift_by_lag
+from model.motion.motion import Motion, load_motion, remove_lag
 from model.speech.audio import load_speech
 from tests.helpers import beat2_folder, smooth_motion_example
 from tests.model.faults.test_faults import SKELETON
@@ -126,13 +126,13 @@ def test_arms_that_follow_the_sound_give_ground_where_there_is_no_face(sound):
 def test_a_motion_is_moved_to_where_its_speech_is(sound):
     motion = speaking(sound)
     late, early = moved(motion, 12), moved(motion, -12)
-    np.testing.assert_array_equal(shift_by_lag(late, 0.4).poses, motion.poses[:-12])
-    held = shift_by_lag(early, -0.4)
+    np.testing.assert_array_equal(remove_lag(late, 0.4).poses, motion.poses[:-12])
+    held = remove_lag(early, -0.4)
     np.testing.assert_array_equal(held.poses[12 : 12 + 888], motion.poses[12:])
     assert (held.poses[:12] == motion.poses[12]).all() and held.num_frames == 912
-    assert shift_by_lag(motion, 0.0).num_frames == motion.num_frames
-    with pytest.raises(ValueError, match=r"lag of -40 s is as long as the motion.* 30.0 s"):
-        shift_by_lag(motion, -40.0)
+    assert remove_lag(motion, 0.0).num_frames == motion.num_frames
+    with pytest.raises(ValueError, match=r"shorter than the motion \(30.0 s\); got -40 s"):
+        remove_lag(motion, -40.0)
 
 
 def test_it_is_a_finding_that_says_how_to_put_it_right(sound):

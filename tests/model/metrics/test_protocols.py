@@ -48,7 +48,7 @@ def clip() -> Clip:
         ]
     inputs = {
         "waveform": waveform.astype(np.float32),
-        "mean_speeds": rng.uniform(0.05, 0.4, 13),
+        "published_mean_speeds": rng.uniform(0.05, 0.4, 13),
     }
     recorded = clip_of(smooth_motion_example(360, 1), **inputs)
     return clip_of(
@@ -78,13 +78,13 @@ def test_physical_and_coverage_give_the_numbers_of_the_authors_code():
 
 
 def test_ids_are_frozen_and_records_complete():
-    assert [name for name in FORMULAS if not PROTOCOLS[name].is_default_metric] == [
+    assert [name for name in FORMULAS if not PROTOCOLS[name].is_measured_elsewhere] == [
         *("beats/emage", "beats/evaltools", "beats/raggesture", "physical/mbench", "gac/unicamp"),
         *("srgr/beat", "srgr/raggesture", "hellinger/genea", "cca/genea"),
         *("mse_face/emage", "lvd/emage"),
     ]
     for name, record in PROTOCOLS.items():
-        assert record.id == name and record.source and record.input and record.segments
+        assert record.id == name and record.source and record.measured_quantity and record.segments
         assert record.rule.endswith(".") and record.rule.count(". ") <= 2, name
         assert set(record.required_inputs) <= set(FLAG_OF_INPUT)
         with pytest.raises(AttributeError):
@@ -125,11 +125,11 @@ def test_sums_of_clips_add_up_to_the_value_of_a_set(clip: Clip):
 
 def slow_beats(clip: Clip, threshold: float, margin: int, joints: np.ndarray, end: int) -> float:
     """EMAGE's formula, joint by joint, onset by onset."""
-    assert clip.waveform is not None and clip.mean_speeds is not None
+    assert clip.waveform is not None and clip.published_mean_speeds is not None
     frames, start = len(joints), margin * 16000 // 30
     onsets = speech_onsets(clip.waveform[: int(16000 / 30 * frames)][start:end])
     scores = []
-    for joint, mean in zip(BEAT_JOINTS, clip.mean_speeds, strict=True):
+    for joint, mean in zip(BEAT_JOINTS, clip.published_mean_speeds, strict=True):
         path = joints[:, joint]
         steps = [path[1] - path[0], *((path[2:] - path[:-2]) / 2), path[-1] - path[-2]]
         speed = [float(np.linalg.norm(step)) * 30 / mean for step in steps]

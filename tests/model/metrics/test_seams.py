@@ -13,7 +13,7 @@ from model.generation.base import Windowing
 from model.metrics.seams import (
     JerkPeriod,
     find_jerk_period,
-    mean_jerk_by_phase,
+    mean_jerk_by_frame_of_period,
     recurring_jerk,
     seam_jerk_ratio,
 )
@@ -67,7 +67,7 @@ def test_a_pop_anywhere_in_a_join_is_found_and_elsewhere_not_blamed_on_it(is_kin
 
 def test_a_pop_at_any_offset_stands_out_at_its_phase():
     for offset in range(0, 52, 3):
-        found = mean_jerk_by_phase(jerk_of(jumping_points(620, 52 + offset, 52)), 52)
+        found = mean_jerk_by_frame_of_period(jerk_of(jumping_points(620, 52 + offset, 52)), 52)
         assert found.argmax() == offset
         assert found.max() > 5 * np.median(found)
 
@@ -76,7 +76,7 @@ def test_one_window_has_no_seams():
     assert math.isnan(seam_jerk_ratio(jerk_of(rough_points(52)), 52, 8))
     assert math.isnan(seam_jerk_ratio(jerk_of(rough_points(60)), 52, 8))
     assert not math.isnan(seam_jerk_ratio(jerk_of(rough_points(65)), 52, 8))
-    assert np.isnan(mean_jerk_by_phase(jerk_of(rough_points(20)), 52)).sum() == 52 - 17
+    assert np.isnan(mean_jerk_by_frame_of_period(jerk_of(rough_points(20)), 52)).sum() == 52 - 17
 
 
 def test_a_jump_in_one_window_does_not_recur():
@@ -84,8 +84,8 @@ def test_a_jump_in_one_window_does_not_recur():
     once[104 + 7 :] += 0.5
     assert recurring_jerk(jerk_of(once), 52).ratio < 1.5
     found = recurring_jerk(jerk_of(always), 52)
-    assert found.phase_frame in (6, 7, 8) and found.ratio > 5
-    assert recurring_jerk(jerk_of(always[: 52 * 4 - 2]), 52).phase_frame is None
+    assert found.frame_in_period in (6, 7, 8) and found.ratio > 5
+    assert recurring_jerk(jerk_of(always[: 52 * 4 - 2]), 52).frame_in_period is None
 
 
 def rough(num_frames: int, seed: int = 0) -> Motion:
@@ -118,10 +118,10 @@ def test_jumps_are_found_at_their_period_and_frame(period):
     found = period_of(with_jumps(rough(6 * period + 200), period, "right_shoulder"))
     assert found is not None and (found.frames, found.kind) == (period, "pulses")
     assert found.part in ("right arm", "right hand")
-    assert (found.phase_frame - 5) % period in (0, 1, period - 1)
+    assert (found.frame_in_period - 5) % period in (0, 1, period - 1)
     assert found.peak_over_median > 1.5
     for frame in found.worst_frames:
-        assert (frame - found.phase_frame) % period == 0
+        assert (frame - found.frame_in_period) % period == 0
 
 
 @pytest.mark.parametrize("period", [2, 3, 4, 7])
@@ -145,16 +145,16 @@ def test_what_repeats_nothing_has_no_period():
 
 def test_seams_are_folded_on_what_is_known_or_found():
     jumps = with_jumps(rough(900), 64, first=0)
-    found = analyse_raw(jumps, SKELETON).raw.seams
-    assert found.fold_period_frames == len(found.jerk_by_window_phase_m_s3) == 64
-    assert found.jerk_by_window_phase_m_s3.argmax() in (0, 1, 63)
+    found = analyse_raw(jumps, SKELETON).metrics.seams
+    assert found.fold_period_frames == len(found.jerk_by_frame_in_period_m_s3) == 64
+    assert found.jerk_by_frame_in_period_m_s3.argmax() in (0, 1, 63)
     assert np.isnan(found.seam_jerk_ratio)  # a period has no first frame of its own
-    known = analyse_raw(jumps, SKELETON, windows=Windowing(64, 0)).raw.seams
+    known = analyse_raw(jumps, SKELETON, windows=Windowing(64, 0)).metrics.seams
     assert known.seam_jerk_ratio > 1.5 and known.fold_period_frames == 64
-    nothing = analyse_raw(rough(900), SKELETON).raw.seams
-    assert nothing.fold_period_frames is None and not len(nothing.jerk_by_window_phase_m_s3)
-    hip = analyse_raw(with_jumps(rough(900), 30, "left_hip", first=7), SKELETON).raw.seams
-    assert hip.jerk_by_window_phase_m_s3.argmax() in (6, 7, 8)
+    nothing = analyse_raw(rough(900), SKELETON).metrics.seams
+    assert nothing.fold_period_frames is None and not len(nothing.jerk_by_frame_in_period_m_s3)
+    hip = analyse_raw(with_jumps(rough(900), 30, "left_hip", first=7), SKELETON).metrics.seams
+    assert hip.jerk_by_frame_in_period_m_s3.argmax() in (6, 7, 8)
 
 
 @pytest.mark.parametrize(("advance", "overlap"), [(1, 0), (-3, 0), (52, 60), (52, -1)])

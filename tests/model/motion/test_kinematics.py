@@ -11,8 +11,8 @@ from model.motion import kinematics
 from model.motion.kinematics import (
     RestSkeleton,
     fingertip_positions,
+    forward_kinematics,
     joint_positions_from_global,
-    joint_positions_from_local,
     mirror_local,
     open_body_skeleton,
 )
@@ -48,7 +48,7 @@ def test_agrees_with_the_joint_by_joint_loop_and_local_and_global_are_inverse():
     for batch in BATCHES:
         R_parent_joint = random_local_rotations(batch)
         slow_rot, slow_positions = slow_forward_kinematics(R_parent_joint, skeleton.rest_joints)
-        R_world_joint, positions = joint_positions_from_local(R_parent_joint, skeleton)
+        R_world_joint, positions = forward_kinematics(R_parent_joint, skeleton)
         assert_exact(R_world_joint, slow_rot)
         assert_exact(positions, slow_positions)
         assert_exact(joint_positions_from_global(slow_rot, skeleton), slow_positions)
@@ -59,7 +59,7 @@ def test_a_raised_left_arm_is_the_left_arm_and_up():
     skeleton = open_body_skeleton()
     R_parent_joint = torch.eye(3).repeat(55, 1, 1)
     R_parent_joint[16] = matrix_from_axis_angle(torch.tensor([0.0, 0.0, math.pi / 2]))
-    _, positions = joint_positions_from_local(R_parent_joint, skeleton)
+    _, positions = forward_kinematics(R_parent_joint, skeleton)
     moved = (positions - skeleton.rest_joints).norm(dim=-1) > 1e-3
     assert moved.nonzero().flatten().tolist() == [18, 20, *range(25, 40)]
     assert positions[20, 1] > skeleton.rest_joints[20, 1] + 0.4
@@ -67,7 +67,7 @@ def test_a_raised_left_arm_is_the_left_arm_and_up():
 
 def test_fingertips_are_rigid_on_the_last_finger_joint():
     skeleton = double_skeleton()
-    R_world_joint, positions = joint_positions_from_local(random_local_rotations((4,)), skeleton)
+    R_world_joint, positions = forward_kinematics(random_local_rotations((4,)), skeleton)
     tips = fingertip_positions(R_world_joint, positions, skeleton)
     for k, joint in enumerate(FINGERTIP_JOINTS):
         offset = R_world_joint[:, joint] @ skeleton.tip_offsets[k]
@@ -78,9 +78,9 @@ def test_gradients_reach_only_the_chain_of_a_tip_also_after_inference_mode():
     kinematics._index.cache_clear()
     skeleton = replace(open_body_skeleton())  # its matrix is not made yet
     with torch.inference_mode():
-        joint_positions_from_local(torch.eye(3).repeat(55, 1, 1), skeleton)
+        forward_kinematics(torch.eye(3).repeat(55, 1, 1), skeleton)
     for to_positions in (
-        lambda rot: joint_positions_from_local(rot, skeleton)[1],
+        lambda rot: forward_kinematics(rot, skeleton)[1],
         lambda rot: joint_positions_from_global(rot, skeleton),
     ):
         rot = random_local_rotations((), dtype=torch.float32).requires_grad_(True)
@@ -102,8 +102,8 @@ def test_mirrored_motion_gives_exactly_the_mirrored_points():
     R_parent_joint = matrix_from_axis_angle(poses.unflatten(-1, (55, 3)))
     mirrored = mirror_local(R_parent_joint)
     for skeleton, of_mirrored in ((one, other), (symmetric, symmetric)):
-        rot, positions = joint_positions_from_local(R_parent_joint, skeleton, transl)
-        seen_rot, seen = joint_positions_from_local(mirrored, of_mirrored, transl * image)
+        rot, positions = forward_kinematics(R_parent_joint, skeleton, transl)
+        seen_rot, seen = forward_kinematics(mirrored, of_mirrored, transl * image)
         expected = (positions * image)[:, list(MIRROR_PERMUTATION)]
         assert_exact(seen, expected)
         tips = fingertip_positions(rot, positions, skeleton)

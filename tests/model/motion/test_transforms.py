@@ -10,7 +10,11 @@ from model.motion.kinematics import global_from_local
 from model.motion.motion import Motion
 from model.motion.rotations import geodesic_angle
 from model.motion.tracks import kinematic_chain
-from model.motion.transforms import add_rotation_noise, change_motion_speed, exaggerate_tremor
+from model.motion.transforms import (
+    change_motion_speed,
+    exaggerate_tremor,
+    with_local_and_global_noise,
+)
 from tests.helpers import smooth_motion_example
 from tests.model.motion.made import about, along, posed
 
@@ -76,7 +80,7 @@ def spread(errors: torch.Tensor) -> float:
 def test_noise_is_the_same_turns_on_local_and_on_global_rotations():
     """Local noise adds up along the chain and global noise does not, at a price: an angle between
     neighbours holds the noise of both."""
-    on_local, on_global = add_rotation_noise(MOTION, NOISE_RAD)
+    on_local, on_global = with_local_and_global_noise(MOTION, NOISE_RAD)
     local_error = errors_rad(on_local, is_global=False)[:, OTHERS]
     global_error = errors_rad(on_global, is_global=True)[:, OTHERS]
     torch.testing.assert_close(local_error, global_error, atol=1e-3, rtol=0)
@@ -90,7 +94,9 @@ def test_noise_is_the_same_turns_on_local_and_on_global_rotations():
         assert errors_rad(motion, is_global=False)[:, list(FACE)].max() < 1e-3
         assert np.array_equal(motion.trans, MOTION.trans)
         assert np.array_equal(motion.expressions, MOTION.expressions)
-    again, other = (add_rotation_noise(MOTION, NOISE_RAD, seed)[0].poses for seed in (0, 1))
+    again, other = (
+        with_local_and_global_noise(MOTION, NOISE_RAD, seed)[0].poses for seed in (0, 1)
+    )
     assert np.array_equal(again, on_local.poses) and not np.array_equal(other, on_local.poses)
 
 

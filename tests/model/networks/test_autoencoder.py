@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from model.networks.autoencoder import MotionAutoencoder, input_vectors
+from model.networks.autoencoder import MotionAutoencoder, autoencoder_input
 from model.networks.config import AutoencoderConfig
 from model.systems.helpers.config import presets
 from tests.model.made import shaken
@@ -66,9 +66,9 @@ def test_what_each_network_sees(system, body, face):
     shape = presets(system)["smoke"].autoencoder
     assert (shape.motion_channels, shape.face_channels) == (body, face)
     motion = 0.3 * torch.randn(1, 16, 165), torch.randn(1, 16, 3), torch.rand(1, 16, 52)
-    seen = input_vectors(shape, *motion)
-    other_body = input_vectors(shape, motion[0] + 0.1, motion[1], motion[2])
-    other_face = input_vectors(shape, motion[0], motion[1], motion[2] + 0.1)
+    seen = autoencoder_input(shape, *motion)
+    other_body = autoencoder_input(shape, motion[0] + 0.1, motion[1], motion[2])
+    other_face = autoencoder_input(shape, motion[0], motion[1], motion[2] + 0.1)
     assert seen.shape == (1, 16, body + face)
     assert (other_body != seen).any() == (body > 0)
     changed = (other_face != seen).any(dim=(0, 1))

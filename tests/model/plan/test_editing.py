@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 from model.plan.editing import (
     ARM_M,
     MIN_PHASE_S,
-    Gesture,
+    GestureKey,
+    add_event,
     add_gesture,
     change_hands,
+    default_stroke_end_on_word,
     delete_gesture,
     gestures,
     move_gesture,
@@ -22,10 +24,8 @@ from model.plan.editing import (
     scale_gesture,
     scale_gesture_speed,
     set_hold,
-    stroke_time_on_word,
-    with_event,
 )
-from model.plan.kinds import REST_POSITION, USUAL_STROKE_ENDS, gesture_spans
+from model.plan.kinds import REST_POSITION, USUAL_STROKE_GOALS, group_gesture_phases
 from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, PlanError, PlanResult, Smile
 from tests.model.plan.made import LOW, made_plan, phase, resting, said
 
@@ -44,7 +44,7 @@ BUSY = STILL
 """The right hand lands at 2, 4.5 and 8, the left at 8."""
 for at_s, kind, hands in ((2.0, "you", "right"), (4.5, "offer", "right"), (8.0, "big", "both")):
     BUSY = add_gesture(BUSY, kind, at_s, hands).plan
-MIDDLE = Gesture("right", 4.5)
+MIDDLE = GestureKey("right", 4.5)
 
 
 def test_a_gesture_is_added_with_preparation_hold_and_the_way_back():
@@ -54,28 +54,28 @@ def test_a_gesture_is_added_with_preparation_hold_and_the_way_back():
         ("retraction", 4.3, 5.1), ("rest", 5.1, 10.0),
     ]  # fmt: skip
     stroke = edited.plan.right[2]
-    assert (stroke.goal, stroke.kind, stroke.word) == (USUAL_STROKE_ENDS["you"], "you", "you")
+    assert (stroke.goal, stroke.kind, stroke.word) == (USUAL_STROKE_GOALS["you"], "you", "you")
     assert edited.plan.left == STILL.left and edited.notes == ()
     both = add_gesture(STILL, "big", 4.0).plan
     assert lands(both, "left") == lands(both, "right") == [4.0]
-    assert stroke_time_on_word(said("you", 3.0, 4.0)) == 3.3
+    assert default_stroke_end_on_word(said("you", 3.0, 4.0)) == 3.3
 
 
 def test_a_hand_without_time_to_go_back_stays_where_it_was():
     plan = add_gesture(BUSY, "you", 5.7, "right").plan  # the offer holds to 4.8 and is back at 5.6
     (hold,) = (one for one in plan.right if 4.5 <= one.start_s < 4.9)
-    assert (hold.phase, hold.goal, hold.end_s) == ("hold", USUAL_STROKE_ENDS["offer"], 4.9)
+    assert (hold.phase, hold.goal, hold.end_s) == ("hold", USUAL_STROKE_GOALS["offer"], 4.9)
 
 
 def test_a_moved_gesture_lands_where_it_is_asked_to():
     plan = move_gesture(BUSY, MIDDLE, 6.0, word="now").plan
     assert lands(plan) == [2.0, 6.0, 8.0] and plan.left == BUSY.left
     assert next(p for p in plan.right if p.end_s == 6.0).word == "now"
-    assert told(move_gesture(plan, Gesture("right", 6.0), 4.5).plan) == told(BUSY)
+    assert told(move_gesture(plan, GestureKey("right", 6.0), 4.5).plan) == told(BUSY)
     short = STILL.with_hand("right", (
         phase(0.0, 1.0, "rest"), phase(1.0, 1.5, "preparation"), phase(1.5, 1.6, "stroke", LOW),
     ))  # fmt: skip
-    mended = move_gesture(short, Gesture("right", 1.6), 5.0)
+    mended = move_gesture(short, GestureKey("right", 1.6), 5.0)
     assert ("stroke", 4.8, 5.0) in told(mended.plan)
     assert mended.notes == ("The stroke was shorter than 0.2 s, so its start was moved earlier.",)
 
@@ -90,16 +90,16 @@ def test_a_deleted_gesture_leaves_the_hand_at_rest_or_in_the_hold_before():
         phase(2.0, 2.5, "hold", LOW), phase(2.5, 3.0, "preparation"), phase(3.0, 3.4, "stroke"),
         phase(3.4, 4.0, "retraction"), phase(4.0, 10.0, "rest"),
     )  # fmt: skip
-    plan = delete_gesture(STILL.with_hand("right", chained), Gesture("right", 3.4)).plan
+    plan = delete_gesture(STILL.with_hand("right", chained), GestureKey("right", 3.4)).plan
     assert told(plan)[3:] == [("hold", 2.0, 3.4), ("retraction", 3.4, 4.0), ("rest", 4.0, 10.0)]
 
 
 def test_other_hands_make_it():
     plan = change_hands(BUSY, MIDDLE, "left").plan
     assert (lands(plan, "left"), lands(plan)) == ([4.5, 8.0], [2.0, 8.0])
-    plan = change_hands(plan, Gesture("left", 8.0), "right").plan
+    plan = change_hands(plan, GestureKey("left", 8.0), "right").plan
     assert (lands(plan, "left"), lands(plan)) == ([4.5], [2.0, 8.0])
-    plan = change_hands(plan, Gesture("left", 4.5), "both").plan
+    plan = change_hands(plan, GestureKey("left", 4.5), "both").plan
     assert (lands(plan, "left"), lands(plan)) == ([4.5], [2.0, 4.5, 8.0])
 
 
@@ -108,7 +108,7 @@ def test_holds_stretch_until_the_next_gesture_and_say_so():
     assert ("hold", 4.5, 6.0) in told(plan.plan) and plan.notes == ()
     far = set_hold(BUSY, MIDDLE, 9.0)
     assert ("hold", 4.5, 7.2) in told(far.plan)
-    assert far.notes == ("The hold ends at 7.20 s, where the next gesture begins.",)
+    assert far.notes == ("The hold was cut at 7.20 s, where the next gesture begins.",)
     assert ("retraction", 4.5, 5.3) in told(set_hold(BUSY, MIDDLE, 0.0).plan)
 
 
@@ -143,7 +143,7 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
         3 * small, abs=1e-3
     )
     assert goal(raise_gesture(BUSY, MIDDLE, 0.2))[1] == pytest.approx(
-        USUAL_STROKE_ENDS["offer"][1] + 0.2
+        USUAL_STROKE_GOALS["offer"][1] + 0.2
     )
     for speed, start_s in ((1.3, round(4.5 - 0.31 / 1.3, 3)), (0.5, 3.88), (5.0, 4.3)):
         fast = scale_gesture_speed(BUSY, MIDDLE, speed)
@@ -156,7 +156,7 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
         phase(0.0, 1.0, "rest"), phase(1.0, 1.5, "preparation", (0.05, -0.1, 0.3)),
         phase(1.5, 2.0, "stroke", (0.05, -0.1, 0.02)),
     ))  # fmt: skip
-    mended = raise_gesture(inside, Gesture("right", 2.0), 0.0)
+    mended = raise_gesture(inside, GestureKey("right", 2.0), 0.0)
     assert mended.notes == ("A hand position inside the body was moved in front of it.",)
 
 
@@ -172,14 +172,14 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
             "There is no gesture 'whistle'; choose one of all",
         ),
         (
-            lambda p: delete_gesture(p, Gesture("left", 4.5)),
+            lambda p: delete_gesture(p, GestureKey("left", 4.5)),
             "no gesture whose stroke ends at 4.50",
         ),
         (lambda p: set_hold(p, MIDDLE, -1.0), "0 s or longer; got -1 s"),
         (lambda p: scale_gesture(p, MIDDLE, 9.0), "0.1 to 4; got 9"),
         (lambda p: raise_gesture(p, MIDDLE, 2.0), "at most 1 m"),
         (lambda p: scale_gesture_speed(p, MIDDLE, 0.0), "0.2 to 5; got 0"),
-        (lambda p: with_event(p, Nod(11.0, 3.0)), "within the speech, 0 to 10.00 s"),
+        (lambda p: add_event(p, Nod(11.0, 3.0)), "within the speech, 0 to 10.00 s"),
         (
             lambda p: move_phase_end(p, "right", 4.0, 4.2),
             "No phase of the right hand ends at 4.00 s",
@@ -204,20 +204,20 @@ def test_what_cannot_be_is_refused(edit, says):
 
 
 def test_nods_looks_smiles_and_blinks():
-    plan = with_event(with_event(STILL, Nod(3.0, 4.0)).plan, Nod(1.0, 2.0)).plan
+    plan = add_event(add_event(STILL, Nod(3.0, 4.0)).plan, Nod(1.0, 2.0)).plan
     assert [n.time_s for n in plan.nods] == [1.0, 3.0]
     looking = replace(STILL, looks=(Gaze(0.0, 10.0, 0.0, 0.0),))
-    plan = with_event(looking, Gaze(4.0, 5.0, 12.0, 0.0)).plan
+    plan = add_event(looking, Gaze(4.0, 5.0, 12.0, 0.0)).plan
     assert [(k.start_s, k.end_s) for k in plan.looks] == [(0.0, 4.0), (4.0, 5.0), (5.0, 10.0)]
-    plan = with_event(with_event(STILL, Smile(1.0, 3.0, 0.5)).plan, Smile(0.5, 4.0, 0.2)).plan
+    plan = add_event(add_event(STILL, Smile(1.0, 3.0, 0.5)).plan, Smile(0.5, 4.0, 0.2)).plan
     assert plan.smiles == (Smile(0.5, 4.0, 0.2),)
-    assert with_event(STILL, Blink(2.0)).plan.blinks == (Blink(2.0),)
+    assert add_event(STILL, Blink(2.0)).plan.blinks == (Blink(2.0),)
 
 
 EDITS = st.tuples(
     st.sampled_from(["move", "delete", "add", "hands", "hold", "size", "raise", "speed"]),
     st.floats(0.0, 10.0),
-    st.sampled_from(sorted(USUAL_STROKE_ENDS)),
+    st.sampled_from(sorted(USUAL_STROKE_GOALS)),
     st.sampled_from(["left", "right", "both"]),
     st.floats(0.3, 2.5),
 )
@@ -259,8 +259,8 @@ def test_whatever_is_edited_hands_can_do_it(edits):
             for one, other in pairwise(phases):
                 assert other.start_s == pytest.approx(one.end_s, abs=1e-6)
                 assert one.end_s > one.start_s
-            for stroke in gesture_spans(new):
-                first = new.hand(stroke.side)[stroke.first_phase]
+            for stroke in group_gesture_phases(new):
+                first = new.hand(stroke.side)[stroke.first_index]
                 is_new = stroke.last_stroke not in plan.hand(stroke.side)
                 if is_new and first.phase == "preparation":
                     assert (
@@ -305,7 +305,7 @@ def test_a_way_back_that_has_no_room_goes_and_that_is_said():
         ("hold", 2.0, 4.0), ("retraction", 4.0, 4.8), ("rest", 4.8, 5.7),
     ]  # fmt: skip
     assert again.plan.right[4].goal == again.plan.right[5].goal == ENDS.right[4].goal
-    last = set_hold(ENDS, Gesture("right", 6.5), 1.0).plan
+    last = set_hold(ENDS, GestureKey("right", 6.5), 1.0).plan
     until_end = move_phase_end(last, "right", 7.5, 9.8)
     assert told(until_end.plan)[-1] == ("hold", 6.5, 10.0)
     assert "until the speech ends at 10.00 s" in until_end.notes[0]

@@ -16,11 +16,11 @@ from model.plan.files import (
     ENDINGS,
     markers_csv,
     plan_markers,
-    read_annotated_plan,
+    read_corpus_plan,
     read_plan_file,
     write_plan_file,
 )
-from model.plan.kinds import REST_POSITION, USUAL_STROKE_ENDS
+from model.plan.kinds import REST_POSITION, USUAL_STROKE_GOALS
 from model.plan.plan import (
     PHASES,
     SIDES,
@@ -136,7 +136,7 @@ BAD_HANDS = [
     ({"goal": [0, 0]}, "`right.1.goal.2` is missing"),
     ({"goal": [0, 0, 3]}, "a goal over 1 m from the chest"),
     ({"word": "x" * 100}, "at most 80 characters"),
-    ({"start_s": 0.5}, "in the middle of a rest; a hand does one thing at a time"),
+    ({"start_s": 0.5}, "in the middle of a rest; phases of one hand must not overlap"),
 ]
 
 
@@ -272,7 +272,7 @@ def test_annotators_names_labels_and_tiers_are_understood(
 def test_what_is_told_without_places_goes_where_such_gestures_usually_do() -> None:
     rest, _, stroke, hold, back = told(*HABITS[0][0]).plan.right
     assert (
-        stroke.goal == hold.goal == USUAL_STROKE_ENDS["you"]
+        stroke.goal == hold.goal == USUAL_STROKE_GOALS["you"]
         and rest.goal == back.goal == REST_POSITION
     )
 
@@ -307,7 +307,10 @@ def test_a_name_that_means_several_things_means_the_first() -> None:
     [
         ([tier("words", (0.0, 1.0, "so"))], "No tier has the gestures of a hand.*tiers: words"),
         ([], "tiers: none"),
-        ([tier("phase R", (0, 2, "stroke"), (1, 3, "hold"))], "a hand does one thing at a time"),
+        (
+            [tier("phase R", (0, 2, "stroke"), (1, 3, "hold"))],
+            "phases of one hand must not overlap",
+        ),
         (
             [tier("phase R", (0, 2, "rest")), tier("goal R", (0, 2, "near"))],
             "be three numbers",
@@ -337,7 +340,7 @@ def test_the_corpus_tells_phases_goals_kinds_words_and_the_rest_of_the_body(
         tier("foot_right", (0, 1, "planted"), (1, 1.5, ""), (1.5, 3, "planted")),
     )
     path.write_text(grid(*HANDS, *body))
-    plan = read_annotated_plan(path)
+    plan = read_corpus_plan(path)
     assert [p.phase for p in plan.left] == ["rest"]
     assert plan == GesturePlan(
         3.0,
@@ -361,7 +364,7 @@ def test_the_corpus_tells_phases_goals_kinds_words_and_the_rest_of_the_body(
     )
     path.write_text(grid(tier("words", (0, 1, "so"))))
     with pytest.raises(PlanError, match="has no tier gesture_left"):
-        read_annotated_plan(path)
+        read_corpus_plan(path)
 
 
 LABELS = 'say "x"', "two\nlines", "see item [3]:", "intervals [1]:", "TextTier", "xmin = 7", ""
@@ -477,13 +480,13 @@ HOSTILE = [
     (eaf("&a;", '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>'), "document type"),
     (eaf("", '<!DOCTYPE x SYSTEM "http://a.b/c.dtd">'), "document type"),
     (eaf("<a>" * 50 + "</a>" * 50), "levels"),
-    (eaf("<a " + " ".join(f'a{k}=">"' for k in range(9_000)) + "/>"), "label or tag of over"),
+    (eaf("<a " + " ".join(f'a{k}=">"' for k in range(9_000)) + "/>"), "label or tag above"),
     (eaf(slots("0", "5"))[:-9], "is not an ELAN file"),
     ("<svg/>", "is not an ELAN file"),
     ("", "is not an ELAN file"),
     ('<?xml version="1.0" encoding="nonsense"?><a/>', "is not an ELAN file"),
     (eaf(slots("0", "-5")), "'-5' is not a number of milliseconds"),
-    (eaf(slots("0", "999999999")), "longer than 24 hours"),
+    (eaf(slots("0", "999999999")), "longer than the limit of 24 hours"),
     (eaf(slots("0") + phase_tier((0, 4, "prep"))), "has no times"),
     (eaf("").replace("milliseconds", "PAL-frames"), "PAL-frames"),
     (eaf("").replace('"/>', '"><MEDIA_DESCRIPTOR TIME_ORIGIN="1e9"/></HEADER>', 1), "TIME_ORIGIN"),
@@ -548,7 +551,7 @@ def test_what_lies_beyond_a_time_is_left_out_of_a_plan() -> None:
 def test_large_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.eaf").write_text(eaf(slots(*["0"] * 9)))
     monkeypatch.setattr("model.plan.annotation_files.MAX_ELEMENTS", 3)
-    with pytest.raises(PlanError, match="elements, the limit"):
+    with pytest.raises(PlanError, match="exceeds the limit of 3 elements"):
         read_plan_file(tmp_path / "a.eaf")
     monkeypatch.setattr("model.plan.files.MAX_BYTES", 100)
     with pytest.raises(PlanError, match="is larger than"):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.plan.kinds import PREPARATION_S, STROKE_S, KindTable, gesture_spans
+from model.plan.kinds import PREPARATION_S, STROKE_S, KindTable, group_gesture_phases
 from model.plan.plan import SIDES, GesturePlan, Side, fill_gaps
 from model.plan.plan_features import plan_tracks
 from tests.model.plan.made import REST, made_plan, phase, resting, said
@@ -82,8 +82,8 @@ def test_beats_outside_gestures_follow(table):
 
 
 def test_strokes_hold_what_follows_them():
-    (stroke,) = gesture_spans(made_plan())
-    assert (stroke.side, stroke.first_phase, stroke.last_phase, stroke.is_bimanual) == (
+    (stroke,) = group_gesture_phases(made_plan())
+    assert (stroke.side, stroke.first_index, stroke.last_index, stroke.is_bimanual) == (
         "right",
         1,
         6,
@@ -91,7 +91,7 @@ def test_strokes_hold_what_follows_them():
     )
     assert stroke.last_stroke.word == "whole"
     plan = replace(made_plan(), left=made_plan().right)
-    assert [s.is_bimanual for s in gesture_spans(plan)] == [True, True]
+    assert [s.is_bimanual for s in group_gesture_phases(plan)] == [True, True]
 
 
 P, S, H, B, R = "preparation", "stroke", "hold", "beat", "retraction"
@@ -118,11 +118,11 @@ def test_a_gesture_begins_and_ends_where_annotators_say(rows, gestures):
     plan = GesturePlan(
         8.0, right=tuple(phase(float(a), float(b), name, HERE, *kind) for a, b, name, *kind in rows)
     )
-    found = gesture_spans(plan)
-    spans = [(plan.right[s.first_phase].start_s, plan.right[s.last_phase].end_s) for s in found]
+    found = group_gesture_phases(plan)
+    spans = [(plan.right[s.first_index].start_s, plan.right[s.last_index].end_s) for s in found]
     assert spans == gestures
     filled = plan.with_hand("right", fill_gaps(plan.right, plan.duration_s))
-    assert [s.last_stroke for s in gesture_spans(filled)] == [s.last_stroke for s in found]
+    assert [s.last_stroke for s in group_gesture_phases(filled)] == [s.last_stroke for s in found]
 
 
 STILL = resting(8.0)
@@ -153,7 +153,7 @@ def test_how_often_a_word_is_struck_is_counted_once_for_both_hands_and_weights_c
         calling.names, calling.kind_shares_by_word, calling.stroke_shares_by_word,
     )  # fmt: skip
     np.testing.assert_allclose(again.mean_goals, calling.mean_goals, rtol=1e-6)
-    assert [again.index_of(name) for name in ("", "none", "big", "point")] == [0, 0, 1, 4]
+    assert [again.number_of(name) for name in ("", "none", "big", "point")] == [0, 0, 1, 4]
 
 
 def test_a_word_on_a_still_hand_gets_its_gesture_and_the_hand_its_rest_again(calling):

@@ -7,20 +7,20 @@ import pytest
 
 from model.plan.plan import HANGING_PLACE, PHASES, SIDES, GesturePlan, HandPhase, fill_gaps
 from model.plan.plan_features import (
-    CHAINS_BY_NAME,
     MAX_STATE_S,
     NUM_TRACKS,
     TIERS,
+    TIERS_BY_NAME,
     EventOnset,
     body_track,
+    both_hands_rest_weight,
     chain_state_at,
     chain_states,
     chains_to_plan,
-    coupled_states,
     hand_tracks,
     plan_to_chains,
     plan_tracks,
-    rest_share,
+    tier_sampling_inputs,
 )
 from tests.model.plan.made import HIGH, LOW, REST, made_plan, phase
 
@@ -80,14 +80,16 @@ def test_gaps_are_holds_and_rests():
 
 def test_both_hands_rest_where_neither_does_anything():
     plan = PLAN  # the right hand moves from 1 s to 4.2 s, the left rests
-    rest = rest_share(plan, range(180))
+    rest = both_hands_rest_weight(plan, range(180))
     assert rest[:26].min() > 0.99 and rest[131:174].min() > 0.99
     assert rest[35:121].max() < 0.01
     assert 0.05 < rest[30] < 0.95
-    np.testing.assert_allclose(rest_share(plan, range(20, 50)), rest[20:50], atol=1e-6)
-    assert rest_share(plan, range(170, 230))[10:].min() > 0.99  # beyond the end of the plan
+    np.testing.assert_allclose(both_hands_rest_weight(plan, range(20, 50)), rest[20:50], atol=1e-6)
+    assert (
+        both_hands_rest_weight(plan, range(170, 230))[10:].min() > 0.99
+    )  # beyond the end of the plan
     both = replace(plan, left=plan.right)
-    np.testing.assert_array_equal(rest_share(both, range(180)), rest)
+    np.testing.assert_array_equal(both_hands_rest_weight(both, range(180)), rest)
 
 
 ALL = np.arange(180)
@@ -108,23 +110,23 @@ def test_a_plan_becomes_chains_and_a_plan_again():
     assert [(nod.time_s, nod.depth_deg) for nod in again.nods] == [(1.9, 4.0), (3.0, 2.5)]
     for name in ("looks", "brows", "smiles", "blinks", "stands", "planted"):
         assert getattr(again, name) == getattr(plan, name)
-    assert plan_to_chains(again) == CHAINS and set(CHAINS) == set(CHAINS_BY_NAME)
+    assert plan_to_chains(again) == CHAINS and set(CHAINS) == set(TIERS_BY_NAME)
     assert all(chain[0].frame == 0 for chain in CHAINS.values())
 
 
 def test_a_chain_is_told_frame_by_frame():
-    tier = CHAINS_BY_NAME["right"]
+    tier = TIERS_BY_NAME["right"]
     found = chain_states(tier, CHAINS["right"], ALL)
-    assert found.state_before.shape == (180, tier.state_dim) == (180, 11)
+    assert found.features_before.shape == (180, tier.state_feature_dim) == (180, 11)
     begins = np.flatnonzero(found.event)
     assert begins.tolist() == [30, 45, 57, 72, 78, 84, 105, 126]
     assert found.event[30] == 1 + 1 and found.event[45] == 1 + 2  # preparation, stroke
     np.testing.assert_allclose(found.mark[30] * 0.2, HIGH, atol=1e-6)
     assert (
-        found.state_before[30, 0] == 1 and found.state_after[30, 1] == 1
+        found.features_before[30, 0] == 1 and found.features_after[30, 1] == 1
     )  # rest before, now preparation
-    assert found.state_before[30, 6] == pytest.approx(1.0) and found.state_after[30, 6] == 0.0
-    assert found.state_before[29, 7] == pytest.approx(np.log(29 / 30 + 0.1))
+    assert found.features_before[30, 6] == pytest.approx(1.0) and found.features_after[30, 6] == 0.0
+    assert found.features_before[29, 7] == pytest.approx(np.log(29 / 30 + 0.1))
     assert not found.mark[31:45].any()
 
 
@@ -132,17 +134,17 @@ def test_what_is_drawn_next_and_some_frames_see_what_training_saw():
     for tier in TIERS:
         chain = CHAINS[tier.name]
         found, some = chain_states(tier, chain, ALL), chain_states(tier, chain, ALL[40:90])
-        np.testing.assert_array_equal(some.state_before, found.state_before[40:90])
+        np.testing.assert_array_equal(some.features_before, found.features_before[40:90])
         np.testing.assert_array_equal(some.event, found.event[40:90])
         for frame in (1, 30, 31, 57, 100, 179):
             last = [begun for begun in chain if begun.frame < frame][-1]
             np.testing.assert_array_equal(
-                chain_state_at(tier, last, frame), found.state_before[frame]
+                chain_state_at(tier, last, frame), found.features_before[frame]
             )
 
 
 def test_long_states_look_alike():
-    tier = CHAINS_BY_NAME["blink"]
+    tier = TIERS_BY_NAME["blink"]
     late, later = (chain_state_at(tier, EventOnset(0, 0), round(30 * s)) for s in (MAX_STATE_S, 60))
     np.testing.assert_array_equal(late, later)
 
@@ -152,7 +154,7 @@ def test_the_second_hand_sees_what_the_first_has_just_begun():
     plan = replace(made_plan(), duration_s=2.0, left=hand, right=hand, planted=())
     chains = plan_to_chains(plan)
     frames = np.arange(60)
-    seen = coupled_states({t.name: chain_states(t, chains[t.name], frames) for t in TIERS})
+    seen = tier_sampling_inputs({t.name: chain_states(t, chains[t.name], frames) for t in TIERS})
     stroke = 2
     assert seen["right"][30, 11 + stroke] == 0.0  # the left hand has not begun for it
     assert seen["left"][30, 11 + stroke] == 1.0

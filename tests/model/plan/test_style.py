@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.plan.editing import Gesture, add_gesture, gestures, stroke_time_on_word
+from model.plan.editing import GestureKey, add_gesture, default_stroke_end_on_word, gestures
 from model.plan.plan import GesturePlan, PlanError, PlanResult
 from model.plan.style import (
     MIN_MISALIGNMENT_S,
@@ -112,7 +112,9 @@ def test_on_wrong_words_no_stroke_lands_where_one_was_called_for(kind, words):
         assert [one.stroke_end_s for one in gestures(made.plan, "left")] == found
     old, new = ([p for p in each.right if p.phase == "stroke"] for each in (plan, made.plan))
     if words:
-        assert all(any(abs(stroke_time_on_word(w) - at) < 1e-6 for w in words) for at in found)
+        assert all(
+            any(abs(default_stroke_end_on_word(w) - at) < 1e-6 for w in words) for at in found
+        )
         assert all(one.word.startswith("w") for one in new)
     else:
         assert [one.word for one in new] == [""] * 5
@@ -127,7 +129,7 @@ def test_a_gesture_without_room_stays_and_is_counted():
         "26 of 26 gestures could not be moved to another word or time.",
     )
     assert len(times) == 26 and all(b > a for a, b in pairwise(times))
-    assert Gesture("right", times[0]) in gestures(plan, "right")
+    assert GestureKey("right", times[0]) in gestures(plan, "right")
 
 
 @pytest.mark.parametrize(

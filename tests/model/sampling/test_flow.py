@@ -155,9 +155,9 @@ def test_in_the_world_the_jaw_goes_with_the_head_and_stays_in_it():
 def test_conditional_copies_come_first_and_at_scale_1_there_is_one():
     numbers, batch = normaliser(168, mixed=True), torch.randn(2, 4, 168)
     once, twice = (ClassifierFreeGuidance(scale, numbers, "axis-angle") for scale in (1.0, 2.0))
-    assert once.network_batch_size(2) == 2 and once.is_conditional(2).tolist() == [True, True]
+    assert once.network_batch_size(2) == 2 and once.conditional_mask(2).tolist() == [True, True]
     assert once.duplicate(batch) is batch and once.combine(batch) is batch
-    assert twice.is_conditional(2).tolist() == [True, True, False, False]
+    assert twice.conditional_mask(2).tolist() == [True, True, False, False]
     assert torch.equal(twice.duplicate(batch), torch.cat([batch, batch]))
     with pytest.raises(ValueError, match="steps is 0"):
         sample(lambda x, t: x, torch.zeros(1, 1), steps=0)

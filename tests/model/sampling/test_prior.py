@@ -76,13 +76,13 @@ def test_without_a_network_any_number_of_steps_gives_the_same_motion(prior, with
 
 @pytest.mark.parametrize("with_seed", [False, True])
 def test_the_flow_of_the_gaussian_ends_where_many_small_steps_end(prior, with_seed):
-    """`consistency` against steps by the midpoint along the posterior's own velocity."""
+    """`flow_to_data` against steps by the midpoint along the posterior's own velocity."""
     generator = torch.Generator().manual_seed(5)
     x = torch.randn(1, FRAMES, CHANNELS, generator=generator)
     seed = torch.randn(1, SEED, CHANNELS, generator=generator) * 0.3
     has_seed = torch.tensor([with_seed])
     start, steps = 0.2, 100
-    found = prior.consistency(x, torch.tensor([start]), seed, has_seed)
+    found = prior.flow_to_data(x, torch.tensor([start]), seed, has_seed)
     walked, length = x, (1 - start) / steps
 
     def velocity(x_t, t):
@@ -95,7 +95,7 @@ def test_the_flow_of_the_gaussian_ends_where_many_small_steps_end(prior, with_se
     if not with_seed:
         now = torch.tensor([1.0])
         torch.testing.assert_close(
-            prior.consistency(x, now, seed, has_seed), x, atol=1e-3, rtol=1e-3
+            prior.flow_to_data(x, now, seed, has_seed), x, atol=1e-3, rtol=1e-3
         )
 
 
@@ -161,7 +161,7 @@ def test_where_all_samples_agree_one_kind_of_eigenvectors_gives_the_same(has_see
     flags = torch.full((4,), has_seed)
     for call in (
         lambda: prior.posterior_mean(x_t, t, seed, flags),
-        lambda: prior.consistency(x_t, t, seed, flags),
+        lambda: prior.flow_to_data(x_t, t, seed, flags),
         lambda: prior.scale_by_posterior(x_t, t, flags),
     ):
         prior.train()
@@ -170,7 +170,7 @@ def test_where_all_samples_agree_one_kind_of_eigenvectors_gives_the_same(has_see
         one = call()
         torch.testing.assert_close(one, both, rtol=1e-5, atol=1e-6)
     mixed = torch.tensor([True, False, True, False])
-    assert prior.shared_seed_flag(mixed) is None and prior.shared_seed_flag(flags) == int(has_seed)
+    assert prior.common_has_seed(mixed) is None and prior.common_has_seed(flags) == int(has_seed)
     same = mixed == has_seed  # those of a batch that mixes both
     both, one = (prior.posterior_mean(x_t, t, seed, each)[same] for each in (mixed, flags))
     torch.testing.assert_close(both, one, rtol=1e-4, atol=1e-5)

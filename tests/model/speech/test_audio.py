@@ -16,7 +16,7 @@ from app.errors import RunError
 from app.run.requests.parts import parse_channel
 from conventions.rates import SAMPLE_RATE
 from model.speech import audio
-from model.speech.audio import SpeechError, SpeechLimits, load_speech, write_wav
+from model.speech.audio import SpeechError, SpeechReadOptions, load_speech, write_wav
 from model.storage.files import WriteError
 from tests.helpers import beat2_folder
 
@@ -48,9 +48,9 @@ def encode(source: Path, target: Path, *options: str) -> Path:
     return target
 
 
-def assert_refused(path: Path, *words: str, limits: SpeechLimits | None = None) -> None:
+def assert_refused(path: Path, *words: str, options: SpeechReadOptions | None = None) -> None:
     with pytest.raises(SpeechError) as caught:
-        load_speech(path, limits or SpeechLimits())
+        load_speech(path, options or SpeechReadOptions())
     sentence = str(caught.value)
     assert path.name in sentence and sentence.endswith(".") and "\n" not in sentence
     for word in words:
@@ -72,7 +72,7 @@ def test_wav_of_every_sample_type(tmp_path, dtype, scale, offset):
     speech = load_speech(path)
     assert speech.waveform.dtype == np.float32 and speech.waveform.shape == (SAMPLE_RATE,)
     np.testing.assert_allclose(speech.waveform, tone(1.0), atol=0.01 if dtype == "u1" else 1e-4)
-    assert (speech.notes, speech.duration_s, speech.num_frames) == ((), 1.0, 30)
+    assert (speech.notes, speech.duration_s, speech.num_motion_frames) == ((), 1.0, 30)
     assert speech.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -117,7 +117,7 @@ def test_resampling_is_in_time_and_has_no_delay(tmp_path):
 @pytest.mark.beat2
 def test_real_speech_has_the_frames_of_its_length():
     speech = load_speech(beat2_folder() / "wave16k" / "2_scott_0_103_103.wav")
-    assert speech.num_frames == 1710 and speech.notes == ()
+    assert speech.num_motion_frames == 1710 and speech.notes == ()
 
 
 def test_channels_are_mixed_and_such_as_cancel_do_not_vanish(tmp_path):
@@ -128,7 +128,7 @@ def test_channels_are_mixed_and_such_as_cancel_do_not_vanish(tmp_path):
     left = tone(1.0)
     speech = load_speech(written(tmp_path, np.stack([0.8 * left, -left], axis=1)))
     np.testing.assert_allclose(speech.waveform, -left, atol=1e-4)
-    assert any("channel 2" in note and "vanish" in note for note in speech.notes)
+    assert any("channel 2" in note and "cancel" in note for note in speech.notes)
     speech = load_speech(written(tmp_path, np.stack([left, np.zeros_like(left)], axis=1)))
     np.testing.assert_allclose(speech.waveform, 0.5 * left, atol=1e-4)
 
@@ -136,13 +136,13 @@ def test_channels_are_mixed_and_such_as_cancel_do_not_vanish(tmp_path):
 def test_memory_holds_neither_all_channels_nor_what_is_beyond_the_limit(tmp_path):
     """10 s at 16 kHz are 0.64 MB, and 10 s of eight channels 30 MB."""
     path = written(tmp_path, np.full((10 * 96_000, 8), 1000, np.int16), 96_000)
-    for limits in (SpeechLimits(), SpeechLimits(max_s=2)):
+    for options in (SpeechReadOptions(), SpeechReadOptions(max_s=2)):
         tracemalloc.start()
         try:
-            if limits.max_s > 10:
-                assert abs(load_speech(path, limits).duration_s - 10) < 0.01
+            if options.max_s > 10:
+                assert abs(load_speech(path, options).duration_s - 10) < 0.01
             else:
-                assert_refused(path, "longer than 2 seconds", limits=limits)
+                assert_refused(path, "longer than the limit of 2 seconds", options=options)
             peak = tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()
@@ -166,7 +166,7 @@ def test_missing_empty_short_and_silent_files_are_refused(tmp_path):
     assert_refused(tmp_path / "a.wav", "empty (0 bytes)")
     assert_refused(written(tmp_path, np.zeros(0, dtype=np.int16)), "0 samples")
     assert_refused(written(tmp_path, tone(0.2)), "is 0.2 s long; at least 0.5 s are needed")
-    assert load_speech(written(tmp_path, tone(0.5))).num_frames == 15
+    assert load_speech(written(tmp_path, tone(0.5))).num_motion_frames == 15
     noise = np.sign(np.random.default_rng(0).standard_normal(SAMPLE_RATE)).astype(np.float32)
     assert_refused(written(tmp_path, 0 * noise), "is silent", "zero")
     assert_refused(written(tmp_path, np.float32(3e-5) * noise), "is silent", "-90 dB")
@@ -213,13 +213,16 @@ def test_samples_that_are_not_finite_say_where(tmp_path, rate, bad):
 
 def test_limits_can_be_set(tmp_path):
     path = written(tmp_path, tone(2.0))
-    assert SpeechLimits().max_s == 600
+    assert SpeechReadOptions().max_s == 600
     assert_refused(
-        path, "longer than 1 seconds, the limit", "--max-minutes", limits=SpeechLimits(max_s=1)
+        path,
+        "longer than the limit of 1 seconds",
+        "--max-minutes",
+        options=SpeechReadOptions(max_s=1),
     )
-    assert_refused(path, "at least 3 s", limits=SpeechLimits(min_s=3))
-    assert_refused(path, "at most 0 MiB", limits=SpeechLimits(max_bytes=100))
-    assert load_speech(path, SpeechLimits(max_s=2)).duration_s == 2.0
+    assert_refused(path, "at least 3 s", options=SpeechReadOptions(min_s=3))
+    assert_refused(path, "at most 0 MiB", options=SpeechReadOptions(max_bytes=100))
+    assert load_speech(path, SpeechReadOptions(max_s=2)).duration_s == 2.0
 
 
 def test_a_decoder_that_hangs_is_killed(tmp_path, monkeypatch):
@@ -235,7 +238,7 @@ def test_a_decoder_that_hangs_is_killed(tmp_path, monkeypatch):
 def test_odd_names_are_only_names(tmp_path):
     for name in ("-i.wav", "a b'\".wav", "concat:x.wav", "%d.wav", "http:x.wav", "ü\n.wav"):
         wavfile.write(tmp_path / name, SAMPLE_RATE, tone(0.6))
-        assert load_speech(tmp_path / name).num_frames == 18
+        assert load_speech(tmp_path / name).num_motion_frames == 18
     (tmp_path / "\n.wav").write_bytes(b"text")
     with pytest.raises(SpeechError, match=r"^\?\.wav is not a sound file"):
         load_speech(tmp_path / "\n.wav")
@@ -266,12 +269,12 @@ def dialogue(tmp_path: Path) -> Path:
 
 def test_one_side_of_a_dialogue_is_heard_alone(dialogue):
     for written, wanted in (("left", 440), ("right", 880), ("2", 880)):
-        speech = load_speech(dialogue, SpeechLimits(channel=parse_channel(written)))
+        speech = load_speech(dialogue, SpeechReadOptions(channel=parse_channel(written)))
         assert hertz_of(speech.waveform) == wanted
         assert np.abs(speech.waveform).max() == pytest.approx(0.5, abs=0.01)  # not halved
         (note,) = speech.notes
         assert f"Only channel {1 + (wanted == 880)} of" in note
-    assert_refused(dialogue, "2 channels", "channel 3", limits=SpeechLimits(channel=2))
+    assert_refused(dialogue, "2 channels", "channel 3", options=SpeechReadOptions(channel=2))
     for written in ("middle", "0", "-1", "65"):
         with pytest.raises(RunError, match="left, right, or a number"):
             parse_channel(written)
@@ -289,7 +292,9 @@ def test_the_first_track_that_is_not_silent_is_heard(tmp_path, dialogue):
     speech = load_speech(film("two.mkv", "tone.wav"))
     assert hertz_of(speech.waveform) == 440
     assert speech.notes[0] == "Sound track 2 of 2, the first that is not silent, was used."
-    third = load_speech(film("three.mp4", "silent.wav", "dialogue.wav"), SpeechLimits(channel=1))
+    third = load_speech(
+        film("three.mp4", "silent.wav", "dialogue.wav"), SpeechReadOptions(channel=1)
+    )
     assert hertz_of(third.waveform) == 880 and "track 3" in third.notes[0]
     assert_refused(film("none.mkv", "silent.wav"), "silent")
 
@@ -371,7 +376,7 @@ def test_sound_whose_time_stamps_overlap_is_kept_whole(tmp_path: Path) -> None:
 def test_silence_that_is_longer_than_the_limit_is_refused_before_it_is_made(tmp_path: Path) -> None:
     day = ("-af", "asetpts=PTS+86400/TB*gte(T\\,1)", "-c:a", "flac")
     path = encode(written(tmp_path, tone(2.0)), tmp_path / "day.mka", *day)
-    assert_refused(path, "longer than 10 minutes")
+    assert_refused(path, "longer than the limit of 10 minutes")
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,11 @@ from model.speech.augment import (
     add_noise,
     add_reverberation,
     apply_gain,
-    apply_recording,
+    apply_recording_conditions,
     band_pass,
     change_speech_speed,
-    draw_recording,
     impulse_response,
+    sample_recording_conditions,
 )
 from tests.model.made import made_waveform
 
@@ -90,11 +90,12 @@ def test_conditions_are_applied_together_and_repeat():
     speech = made_waveform(2 * RATE)
     nothing = RecordingConditions(None, 0.0, None, 0.0, None, 0.0)
     np.testing.assert_array_equal(
-        apply_recording(speech, nothing, np.random.default_rng(0)), speech
+        apply_recording_conditions(speech, nothing, np.random.default_rng(0)), speech
     )
     everything = RecordingConditions(0.3, 3.0, 20.0, -3.0, TELEPHONE_HZ, -6.0)
     first, again, other = (
-        apply_recording(speech, everything, np.random.default_rng(seed)) for seed in (0, 0, 1)
+        apply_recording_conditions(speech, everything, np.random.default_rng(seed))
+        for seed in (0, 0, 1)
     )
     np.testing.assert_array_equal(first, again)
     assert np.abs(first - other).max() > 1e-3 and first.shape == speech.shape
@@ -103,11 +104,11 @@ def test_conditions_are_applied_together_and_repeat():
 
 
 def test_draws_cover_clean_and_bad_conditions():
-    drawn = [draw_recording(np.random.default_rng(k)) for k in range(200)]
-    assert drawn[0] == draw_recording(np.random.default_rng(0))
+    drawn = [sample_recording_conditions(np.random.default_rng(k)) for k in range(200)]
+    assert drawn[0] == sample_recording_conditions(np.random.default_rng(0))
     for part in ("rt60_s", "snr_db", "band_hz"):
         share = np.mean([getattr(each, part) is None for each in drawn])
         assert 0.15 < share < 0.6
     for each in drawn:
-        heard = apply_recording(made_waveform(RATE // 4), each, np.random.default_rng(0))
+        heard = apply_recording_conditions(made_waveform(RATE // 4), each, np.random.default_rng(0))
         assert np.isfinite(heard).all() and np.abs(heard).max() > 1e-3

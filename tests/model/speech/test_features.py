@@ -12,12 +12,12 @@ from model.speech.features import (
     BLOCK_SAMPLES,
     LOOK_AHEAD,
     NUM_MELS,
-    CausalMel,
     MelEncoder,
     RunningVoice,
+    StreamingMelEncoder,
     VoiceReference,
     analyse_hops,
-    augment_mel,
+    simulate_microphone,
     vocal_tract_perturbation,
 )
 from tests.helpers import ROOT
@@ -30,7 +30,7 @@ def test_features_are_those_that_the_bundled_weights_were_trained_with():
     """Of seconds 3 to 5 of an example, by the code with which they were."""
     told = np.load(ROOT / "tests" / "model" / "speech" / "heard.npz")
     speech = load_speech(ROOT / "examples" / "three_reasons.wav")
-    found = MelEncoder().encode(speech.waveform, speech.num_frames)
+    found = MelEncoder().encode(speech.waveform, speech.num_motion_frames)
     np.testing.assert_allclose(found[90:150], told["features"], atol=1e-4)
     np.testing.assert_allclose(speech_onsets(speech.waveform)[:40], told["onsets_s"])
     assert len(speech_onsets(np.zeros(32_000, np.float32))) == 0
@@ -95,14 +95,14 @@ def test_frames_beyond_the_end_are_silence():
 
 def test_augmentation_keeps_pitch_and_differs_between_samples():
     rows = torch.from_numpy(MelEncoder().encode(tone(150), 60)).expand(4, -1, -1)
-    varied = augment_mel(rows, torch.Generator().manual_seed(0))
+    varied = simulate_microphone(rows, torch.Generator().manual_seed(0))
     assert torch.isfinite(varied).all()
     torch.testing.assert_close(varied[..., ONSET:], rows[..., ONSET:])
     assert (varied[0] - varied[1])[:, :NUM_MELS].abs().mean() > 0.05
-    again = augment_mel(rows, torch.Generator().manual_seed(0))
+    again = simulate_microphone(rows, torch.Generator().manual_seed(0))
     torch.testing.assert_close(varied, again)
     loud = 6 + torch.rand(4, 60, 68)  # where no noise is heard, another level for each band
-    other = (augment_mel(loud, torch.Generator().manual_seed(0)) - loud)[..., :NUM_MELS]
+    other = (simulate_microphone(loud, torch.Generator().manual_seed(0)) - loud)[..., :NUM_MELS]
     assert other.std(dim=1).max() < 1e-4 and 0.1 < other[..., :32].abs().max() < 9 / 20
 
 
@@ -124,7 +124,7 @@ VOICE = VoiceReference(level_db=25.0, log2_pitch_hz=7.0)
 
 
 def heard(waveform, sizes):
-    causal, start, rows = CausalMel(), 0, []
+    causal, start, rows = StreamingMelEncoder(), 0, []
     while start < len(waveform):
         size = sizes[len(rows) % len(sizes)]
         rows.append(causal.add_samples(waveform[start : start + size]))
@@ -149,14 +149,14 @@ def test_sound_to_come_changes_nothing_and_a_block_is_known_27_ms_after_it():
     for seed in (1, 2):
         longer = np.concatenate([first, made_waveform(20_000, seed)])
         np.testing.assert_array_equal(heard(longer, [640])[: len(known)], known)
-    causal = CausalMel()
+    causal = StreamingMelEncoder()
     assert len(causal.add_samples(first[: BLOCK_SAMPLES + LOOK_AHEAD - 1])) == 0
     assert len(causal.add_samples(first[BLOCK_SAMPLES + LOOK_AHEAD - 1 :][:1])) == BLOCK_FRAMES
     assert LOOK_AHEAD == 432  # 27 ms
 
 
 def test_memory_does_not_grow():
-    causal = CausalMel()
+    causal = StreamingMelEncoder()
     for _ in range(40):
         causal.add_samples(made_waveform(640))
     assert len(causal._sound) < 2 * BLOCK_SAMPLES

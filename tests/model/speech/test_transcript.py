@@ -15,10 +15,10 @@ from model.speech.transcript import (
     MAX_TEXT,
     TranscriptError,
     Word,
-    read_transcript,
-    read_words,
+    read_textgrid_transcript,
+    read_words_file,
 )
-from model.speech.word_alignment import number_words, pronounce_text
+from model.speech.word_alignment import pronounce_text, spell_out_number
 from tests.helpers import reported_folder
 
 SPOKEN = [(0.1, 0.4, "hello"), (0.5, 1.25, 'so-called "art"')]
@@ -32,7 +32,7 @@ def grid(*tiers: tuple[str, list]) -> str:
 
 def refusal(path: Path) -> str:
     with pytest.raises(TranscriptError) as caught:
-        read_transcript(path)
+        read_textgrid_transcript(path)
     sentence = str(caught.value)
     assert path.name in sentence and sentence.endswith(".") and "\n" not in sentence
     return sentence
@@ -47,15 +47,15 @@ def test_words_come_with_their_times_and_without_pauses(tmp_path):
     for encoding in ENCODINGS:
         for order in (tiers, tiers[::-1]):
             path.write_text(grid(*order), encoding=encoding)
-            said = read_transcript(path)
+            said = read_textgrid_transcript(path)
             assert said.words == (Word(0.1, 0.4, "hello"), Word(0.5, 1.25, 'so-called "art"'))
             assert said.origin == "given" and {word.confidence for word in said.words} == {1.0}
             assert said.phones == (Interval(0.1, 0.2, "h"), Interval(0.2, 0.4, "o"))
             assert said.gestures == {}
     path.write_text(grid(("maus", SPOKEN)))  # the only tier may have any name
-    assert read_transcript(path).words[0].text == "hello"
+    assert read_textgrid_transcript(path).words[0].text == "hello"
     path.write_text(grid(*tiers).replace("xmin = 0.2000", "xmin = 9"))
-    said = read_transcript(path)  # damaged phones do not spoil the words
+    said = read_textgrid_transcript(path)  # damaged phones do not spoil the words
     assert len(said.words) == 2 and said.phones == ()
 
 
@@ -66,10 +66,10 @@ def test_tiers_of_gestures_are_known_by_their_names_and_read_up_to_a_limit(tmp_p
     for name in ("gesture_left", "G-Phase", "Strokes RH"):
         tiers = (("words", SPOKEN), ("phones", PHONES), (name, phases), ("gesture", []))
         path.write_text(grid(*tiers))
-        assert read_transcript(path).gestures == {name: found}
+        assert read_textgrid_transcript(path).gestures == {name: found}
     names = [f"gesture {number}" for number in range(MAX_GESTURE_TIERS + 1)]
     path.write_text(grid(("words", SPOKEN), *((name, PHONES) for name in names)))
-    assert list(read_transcript(path).gestures) == names[:-1]
+    assert list(read_textgrid_transcript(path).gestures) == names[:-1]
 
 
 def test_a_gesture_that_ends_before_it_begins_is_refused(tmp_path):
@@ -80,7 +80,7 @@ def test_a_gesture_that_ends_before_it_begins_is_refused(tmp_path):
 
 
 def test_the_example_s_tiers_belong_to_its_speech_and_motion():
-    said = read_transcript(CLEAN.with_suffix(".TextGrid"))
+    said = read_textgrid_transcript(CLEAN.with_suffix(".TextGrid"))
     speech = load_speech(CLEAN.with_suffix(".wav"))
     assert speech.duration_s == load_motion(CLEAN).num_frames / 30
     assert list(said.gestures) == ["gesture_left", "gesture_right"]
@@ -115,15 +115,15 @@ def test_a_plain_text_is_taken_as_it_is_and_a_grid_by_what_it_holds(tmp_path):
     path = tmp_path / "said.txt"
     for encoding in ENCODINGS:
         path.write_text("Hello,\nworld!", encoding=encoding)
-        assert read_words(path).text == "Hello,\nworld!"
+        assert read_words_file(path).text == "Hello,\nworld!"
         path.write_text(grid(("words", SPOKEN)), encoding=encoding)
-        assert read_words(path).transcript == read_transcript(path)
+        assert read_words_file(path).transcript == read_textgrid_transcript(path)
 
 
 def test_what_is_no_plain_text(tmp_path):
     path = tmp_path / "said.txt"
     with pytest.raises(TranscriptError, match=r"said.txt could not be read: no such file"):
-        read_words(path)
+        read_words_file(path)
     for content, sentence in (
         (b" \n...", "said.txt holds no words."),
         (b"RIFF\0\0\0\1", "said.txt is not plain text; save it as UTF-8."),
@@ -132,12 +132,12 @@ def test_what_is_no_plain_text(tmp_path):
     ):
         path.write_bytes(content)
         with pytest.raises(TranscriptError) as caught:
-            read_words(path)
+            read_words_file(path)
         assert str(caught.value) == sentence
     path = tmp_path / "said.doc"
     path.write_text("hello world")
     with pytest.raises(TranscriptError, match="is not a TextGrid"):
-        read_words(path)
+        read_words_file(path)
 
 
 TIMED = [(0.3, 0.72, "There"), (0.72, 1.14, "are"), (1.2, 1.5, "reasons")]
@@ -165,13 +165,13 @@ FILES = {
 @pytest.mark.parametrize("name", FILES)
 def test_words_of_recognisers_corpora_and_subtitles(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(FILES[name])
-    given = read_words(tmp_path / name)
+    given = read_words_file(tmp_path / name)
     assert given.text is None and given.notes == () and given.transcript.phones == ()
     words = given.transcript.words
     assert [word.text for word in words] == ["There", "are", "reasons"]
     times = [(word.start_s, word.end_s) for word in words]
     np.testing.assert_allclose(times, [row[:2] for row in TIMED])
-    assert given.length_s == pytest.approx(1.5)
+    assert given.end_s == pytest.approx(1.5)
 
 
 def test_times_of_sentences_are_no_times_of_words(tmp_path: Path) -> None:
@@ -182,7 +182,7 @@ def test_times_of_sentences_are_no_times_of_words(tmp_path: Path) -> None:
         "a.TextGrid": grid(("anna", [(0.3, 1.5, "There are reasons")])),
     }.items():
         (tmp_path / name).write_text(content)
-        given = read_words(tmp_path / name)
+        given = read_words_file(tmp_path / name)
         assert given.text is not None and given.text.startswith("There are reasons")
         assert given.transcript.words == ()
         (note,) = given.notes
@@ -190,13 +190,13 @@ def test_times_of_sentences_are_no_times_of_words(tmp_path: Path) -> None:
             f"{name} has times for sentences only; the times of its words are found by alignment."
         )
     (tmp_path / "said.lab").write_text("There are reasons")  # as Montreal's aligner takes it
-    assert read_words(tmp_path / "said.lab").text == "There are reasons"
+    assert read_words_file(tmp_path / "said.lab").text == "There are reasons"
 
 
 def test_words_without_times_are_left_out_and_counted(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     path.write_text(json.dumps({"segments": [{"words": [*WHISPER, {"word": "2024"}]}]}))
-    given = read_words(path)
+    given = read_words_file(path)
     assert len(given.transcript.words) == 3
     assert given.notes == ("1 words of a.json have no times and are left out.",)
 
@@ -208,11 +208,11 @@ def test_the_tier_of_words_is_that_of_the_one_speaker(tmp_path: Path) -> None:
         ("Anna May - word", "Anna May - phone"),
     ):
         path.write_text(grid((words, SPOKEN), (phones, PHONES), ("ben - phones", SPOKEN)))
-        said = read_transcript(path)
+        said = read_textgrid_transcript(path)
         assert [word.text for word in said.words] == ["hello", 'so-called "art"']
         assert [phone.text for phone in said.phones] == ["h", "o"]
     path.write_text(grid(("anna - words", SPOKEN), ("ben - words", [])))
-    assert len(read_transcript(path).words) == 2  # ben says nothing
+    assert len(read_textgrid_transcript(path).words) == 2  # ben says nothing
     path.write_text(grid(("anna - words", SPOKEN), ("ben - words", SPOKEN)))
     assert "several tiers of words ('anna - words', 'ben - words'); keep only" in refusal(path)
 
@@ -236,13 +236,13 @@ def test_a_textgrid_that_is_cut_off_anywhere_is_refused(tmp_path: Path) -> None:
         path.write_text(whole[:length])
         refusal(path)
     path.write_text(whole[: last + 1])
-    assert len(read_transcript(path).words) == 2
+    assert len(read_textgrid_transcript(path).words) == 2
 
 
 def test_latin_1_is_read_and_told(tmp_path: Path) -> None:
     path = tmp_path / "a.TextGrid"
     path.write_bytes(grid(("words", [(0.1, 0.4, "na\u00efve")])).encode("latin-1"))
-    given = read_words(path)
+    given = read_words_file(path)
     assert [word.text for word in given.transcript.words] == ["na\u00efve"]
     (note,) = given.notes
     assert note.startswith("a.TextGrid is not UTF-8; it was read as Latin-1")
@@ -262,7 +262,7 @@ def test_what_is_no_file_of_words(tmp_path: Path) -> None:
     ):
         (tmp_path / name).write_text(content)
         with pytest.raises(TranscriptError) as caught:
-            read_words(tmp_path / name)
+            read_words_file(tmp_path / name)
         assert says in str(caught.value) and name in str(caught.value)
 
 
@@ -270,7 +270,7 @@ def test_what_lies_beyond_the_speech_is_left_out_and_told(tmp_path: Path) -> Non
     path = tmp_path / "a.TextGrid"
     tiers = [("words", SPOKEN), ("phones", PHONES), ("gesture", [(0.2, 0.9, "stroke")])]
     path.write_text(grid(*tiers))
-    given = read_words(path)
+    given = read_words_file(path)
     assert given.within(1.6) == given  # of 2.0 s
     cut = given.within(0.45)
     assert [word.text for word in cut.transcript.words] == ["hello"]
@@ -285,14 +285,14 @@ def test_what_lies_beyond_the_speech_is_left_out_and_told(tmp_path: Path) -> Non
 
 def test_files_that_were_once_read_wrongly() -> None:
     folder = reported_folder()
-    expected = read_words(folder / "genea.tsv").transcript.words
+    expected = read_words_file(folder / "genea.tsv").transcript.words
     assert len(expected) == 32 and (expected[0].start_s, expected[-1].end_s) == (0.3, 13.755)
     for name in ("whisper.json", "words.srt", "fave_one_speaker.TextGrid"):
-        given = read_words(folder / name)
+        given = read_words_file(folder / name)
         assert given.transcript.words == expected and given.notes == ()
-    latin = read_words(folder / "latin1.TextGrid")
+    latin = read_words_file(folder / "latin1.TextGrid")
     assert latin.transcript.words[0].text == "na\u00efve" and len(latin.notes) == 1
-    longer = read_words(folder / "other_clip_longer.TextGrid").within(14.0554)
+    longer = read_words_file(folder / "other_clip_longer.TextGrid").within(14.0554)
     assert all(word.end_s <= 14.0554 for word in longer.transcript.words)
     assert "ends at 42.2 s and the speech at 14.1 s" in longer.notes[0]
 
@@ -335,4 +335,4 @@ def test_what_no_dictionary_has_is_said_by_rules_and_numbers_are_read_out():
         "120300": "one hundred twenty thousand three hundred",
         "1234567": "one two three four five six seven",
     }.items():
-        assert " ".join(number_words(digits)) == said
+        assert " ".join(spell_out_number(digits)) == said

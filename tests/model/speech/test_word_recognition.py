@@ -14,7 +14,7 @@ from app.run.examples import CLEAN
 from conventions.rates import SAMPLE_RATE
 from model.speech import word_recognition
 from model.speech.audio import load_speech
-from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript, Word, read_transcript
+from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript, Word, read_textgrid_transcript
 from model.speech.word_alignment import PIECE_S, piece_ranges
 from model.speech.word_recognition import (
     MIN_CONFIDENCE,
@@ -43,7 +43,7 @@ def spelt(said: Transcript) -> list[str]:
 
 
 def test_a_text_is_found_where_it_is_said_with_its_phones():
-    words = read_transcript(CLEAN.with_suffix(".TextGrid")).words
+    words = read_textgrid_transcript(CLEAN.with_suffix(".TextGrid")).words
     exact = [word for word in words if word.end_s < 6.0]
     text = " ".join(word.text for word in exact).capitalize()
     until = round((exact[-1].end_s + words[len(exact)].start_s) / 2 * SAMPLE_RATE)
@@ -160,7 +160,7 @@ def test_whatever_goes_wrong_is_one_note(monkeypatch, tmp_path):
     assert note.endswith("the recogniser ended by signal 15 (SIGTERM).")
     monkeypatch.setattr(word_recognition, "TIMEOUT_S", (0.0, 0.0))
     (note,) = heard(waveform).notes
-    assert note.endswith("so the results have none: it took too long.")
+    assert note.endswith("finding them in the speech failed: it took too long.")
     monkeypatch.undo()
     # A package of that name which cannot be imported, as if it were not installed.
     (tmp_path / "pocketsphinx.py").write_text(

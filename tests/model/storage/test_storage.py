@@ -32,9 +32,9 @@ def test_weights_come_back_as_fp16_rounds_them(tmp_path):
     ("saved", "said"),
     [
         ({"weight": (2, 3)}, r"bias is missing\."),
-        ({"weight": (3, 2), "bias": (2,)}, r"weight is of shape \[3, 2\] in place of \[2, 3\]\."),
+        ({"weight": (3, 2), "bias": (2,)}, r"weight has the shape \[3, 2\] instead of \[2, 3\]\."),
         ({"bias": (2,), "more": (1,)}, r"weight is missing \(1 more differ\)\."),
-        ({"weight": (2, 3), "bias": (2,), "more": (1,)}, r"more is not known\."),
+        ({"weight": (2, 3), "bias": (2,), "more": (1,)}, r"more is not part of the network\."),
     ],
 )
 def test_weights_that_do_not_fit_are_told_by_the_first_that_differs(saved, said):
@@ -57,16 +57,16 @@ def test_what_a_card_lacks_or_misstates_is_told_with_the_weights_name():
         with pytest.raises(CheckpointError, match="The card of globaldiff/local") as caught:
             read()
         assert what in str(caught.value)
-    assert (card.training_hours, card.steps, card.origin_note) == (0.0, None, None)
+    assert (card.training_data_hours, card.training_steps, card.origin_note) == (0.0, None, None)
     told = WeightsCard({"speakers": {"hana": 3}, "training_hours": 2.5, "steps": 9}, "gan/5")
-    assert (told.speakers, told.training_hours, told.steps) == ({"hana": 3}, 2.5, 9)
+    assert (told.speakers, told.training_data_hours, told.training_steps) == ({"hana": 3}, 2.5, 9)
 
 
 def test_a_setting_changes_one_field_of_any_config_and_nothing_besides():
     config = presets("asynfusion/ddim")["demo"]
     faster = override_setting(config, "loss.velocity=3")
     assert faster == replace(config, loss=replace(config.loss, velocity=3.0))
-    trained = [(family, system) for family in families() for system in family.trained_networks]
+    trained = [(family, system) for family in families() for system in family.trainable_networks]
     found = [config for family, name in trained for config in family.presets(name).values()]
     assert len(found) > 10
     for config in found:
@@ -79,8 +79,8 @@ def test_a_setting_changes_one_field_of_any_config_and_nothing_besides():
         ("network.width", "is not a setting"),
         ("network.depth=2", "no field network.depth"),
         ("steps.many=2", "no field steps.many"),
-        ("steps=many", "another type"),
-        ("aim=2", "another type"),
+        ("steps=many", "same type as"),
+        ("aim=2", "same type as"),
         ("aim=data", "use noise or teacher"),
         ("network.width=65", "width 65 is not a multiple"),
     ],
@@ -109,7 +109,7 @@ def test_a_stranger_s_folder_of_weights_is_told_of_whatever_lies_in_it(tmp_path)
             load_card(tmp_path, "a")
     told = {"sha256": "", "speakers": {"ann": "x", "bea": 1e999}, "training_hours": "many"}
     card.write_text(json.dumps(told))
-    for name in ("speakers", "training_hours"):
+    for name in ("speakers", "training_data_hours"):
         with pytest.raises(CheckpointError, match="has a missing or wrong entry"):
             getattr(load_card(tmp_path, "a"), name)
     os.mkfifo(weights)

@@ -9,7 +9,7 @@ from typing import get_args
 import pytest
 from frame_regression.config import FAMILY
 
-from model.generation.family import FamilyError, Topic
+from model.generation.family import FamilyUnavailableError, Topic
 from model.sampling.samplers import UnknownNameError
 from model.storage.cards import CheckpointError, load_card
 from model.systems import registry
@@ -17,12 +17,12 @@ from model.systems.registry import (
     GROUP,
     check_family,
     families,
-    list_speakers,
     list_systems,
     load_system,
     planning_systems,
-    register_installed,
+    register_installed_reporting_failures,
     representatives,
+    shared_speakers,
 )
 from tests.helpers import ROOT
 
@@ -60,7 +60,7 @@ def test_families_declare_only_systems_of_their_own():
         declared = {name for names in family.representatives.values() for name in names} | {
             *family.planning_systems
         }
-        declared |= set() if family.ablation is None else set(family.ablation.systems)
+        declared |= set() if family.ablation is None else set(family.ablation.explained_systems)
         declared |= {
             *family.descriptions,
             *family.samplers,
@@ -109,7 +109,7 @@ def test_a_broken_package_is_told_in_a_sentence_and_keeps_none_from_the_others(
     install(tmp_path, "e_good", "from frame_regression.config import FAMILY")
     monkeypatch.syspath_prepend(tmp_path)
     found = []
-    sentences = register_installed(found.append)
+    sentences = register_installed_reporting_failures(found.append)
     assert found == [FAMILY]
     told = {sentence.split("'")[1]: sentence for sentence in sentences}
     assert told["a_missing"] == (
@@ -125,24 +125,29 @@ def test_a_broken_package_is_told_in_a_sentence_and_keeps_none_from_the_others(
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
-        ({"systems": ("regression/mean", "../x")}, "the name '../x' must be small letters"),
+        (
+            {"systems": ("regression/mean", "../x")},
+            "the name '../x' must consist of lower-case letters",
+        ),
         ({"descriptions": {}}, "it has no description of regression/mean"),
         ({"samplers": {}}, "regression/mean has no sampler"),
     ],
 )
 def test_what_cannot_be_shown_or_asked_is_left_out(changed, why):
     check_family(FAMILY)
-    with pytest.raises(FamilyError, match=why):
+    with pytest.raises(FamilyUnavailableError, match=why):
         check_family(replace(FAMILY, **changed))
 
 
 def test_weights_that_a_package_brings_must_have_a_card_with_speakers(tmp_path):
-    family = replace(FAMILY, weights=tmp_path)
+    family = replace(FAMILY, shipped_weights_folder=tmp_path)
     (tmp_path / "regression-mean.safetensors").write_bytes(b"")
     with pytest.raises(CheckpointError, match=r"regression-mean\.json is missing"):
         check_family(family)
     (tmp_path / "regression-mean.json").write_text('{"sha256": ""}')
-    with pytest.raises(FamilyError, match="the card of regression/mean names no speakers"):
+    with pytest.raises(
+        FamilyUnavailableError, match="the card of regression/mean names no speakers"
+    ):
         check_family(family)
 
 
@@ -150,14 +155,16 @@ def test_code_of_a_package_that_fails_when_it_is_read_is_told(tmp_path, monkeypa
     (tmp_path / "regression-mean.safetensors").write_bytes(b"")
     monkeypatch.setattr(registry, "_FAMILIES", list(registry.families()))
     registry.register(replace(FAMILY, package="frame_regression.nowhere"))
-    with pytest.raises(FamilyError, match=r"its package frame_regression\.nowhere fails: Mod"):
+    with pytest.raises(
+        FamilyUnavailableError, match=r"its package frame_regression\.nowhere fails: Mod"
+    ):
         registry.load_system("regression/mean", tmp_path)
 
 
 def test_a_folder_is_listed_without_loading_and_its_systems_know_their_speakers(weights):
     assert list_systems(weights) == ("globaldiff/local", "globaldiff/global")
-    assert list_speakers(weights) == ("ann", "bob")
-    assert list_systems(weights / "nowhere") == () == list_speakers(weights / "nowhere")
+    assert shared_speakers(weights) == ("ann", "bob")
+    assert list_systems(weights / "nowhere") == () == shared_speakers(weights / "nowhere")
     system = load_system("globaldiff/local", weights)
     assert system.config.rotation_space == "local" and system.speaker_index("bob") == 2
     with pytest.raises(UnknownNameError, match="no speaker 'eve'; choose one of ann, bob"):

@@ -30,7 +30,7 @@ def quick(system: str, **changes) -> Any:
 
 def run(config: TrainConfig, data: Path, out: Path, helpers=BUNDLED_WEIGHTS, **options) -> Path:
     torch.set_num_threads(1)  # also where it is made once, before a test: sums depend on it
-    train(config, family_of(config.system).make_task, data, out, helpers=helpers, **options)
+    train(config, family_of(config.system).make_task, data, out, helper_weights=helpers, **options)
     return out
 
 

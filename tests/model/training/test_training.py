@@ -98,12 +98,12 @@ def test_places_are_from_where_each_clip_is_at_home(data):
 
 
 def test_targets_of_another_skeleton_are_made_anew(data):
-    index = data.folder / "targets-global-velocity.json"
+    index = data.cache_folder / "targets-global-velocity.json"
     prepare_targets(data, "global", "velocity", open_body_skeleton())
     known = json.loads(index.read_text())
     known["rest_joints"][0][0] += 1.0
     index.write_text(json.dumps(known))
-    (data.folder / "rooted-global-velocity.raw").write_bytes(b"")
+    (data.cache_folder / "rooted-global-velocity.raw").write_bytes(b"")
     targets = prepare_targets(data, "global", "velocity", open_body_skeleton())
     assert len(targets.pelvis_aligned_positions) == len(data.poses)
 
@@ -151,11 +151,11 @@ def test_a_compiled_step_is_the_step(tmp_path, data_folder):
 def test_mapped_targets_equal_converted_windows(data, space):
     skeleton = open_body_skeleton()
     targets = prepare_targets(data, space, "velocity", skeleton)
-    batch = data.window_batch(data.clips_of_split("train"), 60, 5, np.random.default_rng(0))
+    batch = data.draw_windows(data.clips_of_split("train"), 60, 5, np.random.default_rng(0))
     wanted_vectors = poses_to_vectors(space, batch.poses, batch.transl)
     wanted = decode(wanted_vectors, space, skeleton)
     for rotations in (True, False):
-        vectors, found = targets.of(batch, rotations=rotations)
+        vectors, found = targets.for_batch(batch, with_rotations=rotations)
         # The first velocity of a window is that from the frame before, which it does not know.
         torch.testing.assert_close(vectors[:, 1:], wanted_vectors[:, 1:], atol=1e-4, rtol=1e-4)
         torch.testing.assert_close(found.positions, wanted.positions, atol=1e-4, rtol=1e-4)

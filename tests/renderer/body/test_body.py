@@ -40,7 +40,7 @@ def random_motion(
 
 
 def all_vertices(body: Body, motion: BodyMotion, chunk: int = 64) -> np.ndarray:
-    return np.concatenate(list(body.vertices(motion, chunk)))
+    return np.concatenate(list(body.posed_vertices(motion, chunk)))
 
 
 def max_distance_mm(a: np.ndarray, b: np.ndarray) -> float:
@@ -69,7 +69,7 @@ def smplx_file(path: Path, **changes: object) -> Path:
 
 
 def test_zero_pose_is_the_template_and_translation_moves_every_vertex(body):
-    (posed,) = body.vertices(BodyMotion.zero_pose())
+    (posed,) = body.posed_vertices(BodyMotion.zero_pose())
     np.testing.assert_allclose(posed[0], body.template, atol=1e-6)
     motion = random_motion(num_frames=3)
     still = replace(motion, trans=np.zeros_like(motion.trans))
@@ -80,7 +80,7 @@ def test_zero_pose_is_the_template_and_translation_moves_every_vertex(body):
 @pytest.mark.parametrize("chunk", [1, 3, 7, 64])
 def test_chunk_size_does_not_change_the_result(body, chunk):
     motion = random_motion(num_frames=13)
-    chunks = list(body.vertices(motion, chunk))
+    chunks = list(body.posed_vertices(motion, chunk))
     assert [len(part) for part in chunks[:-1]] == [chunk] * (len(chunks) - 1)
     assert max_distance_mm(np.concatenate(chunks), all_vertices(body, motion, 13)) < 1e-3
 
@@ -88,7 +88,7 @@ def test_chunk_size_does_not_change_the_result(body, chunk):
 def test_joints_are_those_of_forward_kinematics(body):
     motion = random_motion()
     R_parent_joint = matrix_from_axis_angle(torch.from_numpy(motion.poses).reshape(-1, 55, 3))
-    _, positions = kinematics.joint_positions_from_local(
+    _, positions = kinematics.forward_kinematics(
         R_parent_joint, kinematics.open_body_skeleton(), torch.from_numpy(motion.trans)
     )
     assert max_distance_mm(body.joint_positions(motion), positions.numpy()) < 0.02
@@ -341,7 +341,7 @@ def test_memory_is_that_of_one_chunk(body):
     def peak(num_frames: int) -> int:
         motion = random_motion(num_frames=num_frames)
         tracemalloc.start()
-        for _ in body.vertices(motion, chunk_frames=8):
+        for _ in body.posed_vertices(motion, chunk_frames=8):
             pass
         top = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()

@@ -34,7 +34,7 @@ def test_part_of_a_body_moves_as_on_the_whole(licensed, is_open):
     motion = replace(motion, betas=betas, expression_basis=whole.expression_basis)
     used, corners = np.unique(whole.faces[::3], return_inverse=True)
     part = whole.submesh(used, corners.reshape(-1, 3))
-    (expected,), (found,) = (next(each.vertices(motion)) for each in (whole, part))
+    (expected,), (found,) = (next(each.posed_vertices(motion)) for each in (whole, part))
     np.testing.assert_allclose(found, expected[used], atol=1e-6)
     np.testing.assert_array_equal(part.vertex_colors, whole.vertex_colors[used])
     np.testing.assert_array_equal(used[part.faces], whole.faces[::3])

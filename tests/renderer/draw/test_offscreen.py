@@ -13,7 +13,7 @@ from renderer.draw.offscreen import Backend, GLError, OffscreenRenderer, load_op
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
 from renderer.scene.camera_setup import CameraSetup, PanelCamera
-from renderer.scene.studio import PosedFrame, PosedFrameBuilder, Subject
+from renderer.scene.studio import PosedFrame, PosedFrameBuilder, StaticBody
 from renderer.video.render import RenderSettings
 from tests.golden.regenerate import PICTURES, posed
 from tests.renderer.drawn import render_stills
@@ -54,7 +54,7 @@ def draw() -> Callable[..., list[np.ndarray]]:
         if colors is None:
             colors = np.tile(np.array(RED, np.float32), (len(vertices[0]), 1))
         prepare = PosedFrameBuilder(faces, len(vertices[0]), STAGE)
-        subject = Subject(faces, colors, prepare.ground.corners())
+        subject = StaticBody(faces, colors, prepare.ground.corners())
         with OffscreenRenderer(backend) as renderer:
             canvas = renderer.make_canvas(subject, *SIZE)
             return [canvas.draw(prepare(each), CAMERA).copy() for each in vertices]
@@ -145,11 +145,11 @@ def test_a_second_backend_needs_a_process_of_its_own():
         load_opengl("osmesa" if backend == "egl" else "egl")
 
 
-def make_subject() -> tuple[Subject, PosedFrame]:
+def make_subject() -> tuple[StaticBody, PosedFrame]:
     vertices, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
     prepare = PosedFrameBuilder(faces, len(vertices), STAGE)
     colors = np.full(vertices.shape, 0.5, np.float32)
-    return Subject(faces, colors, prepare.ground.corners()), prepare(vertices)
+    return StaticBody(faces, colors, prepare.ground.corners()), prepare(vertices)
 
 
 def test_lights_are_added_up_in_one_order_wherever_they_lie_in_memory():

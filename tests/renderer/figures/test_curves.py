@@ -10,8 +10,8 @@ from scipy.stats import ecdf
 
 from renderer.figures.curves import (
     STEP_PANELS,
-    draw_distributions,
-    draw_error_along_chain,
+    draw_cumulative_distributions,
+    draw_noise_shift_along_chain,
     draw_sampling_step_sweep,
 )
 from renderer.figures.style import FigureError, matplotlib_settings, save_figure
@@ -58,7 +58,7 @@ def spread(*values: float) -> DataFrame:
 
 def test_curves_are_the_empirical_distributions():
     with matplotlib_settings():
-        figure = draw_distributions(SPREADS, SYSTEMS, "reference")
+        figure = draw_cumulative_distributions(SPREADS, SYSTEMS, "reference")
     panels = dict(list(SPREADS.groupby("measure")))
     assert {axes.get_label() for axes in figure.axes} == panels.keys()
     for axes in figure.axes:
@@ -74,8 +74,10 @@ def test_curves_are_the_empirical_distributions():
 
 def test_neither_one_clip_far_off_nor_equal_values_spoil_the_axis():
     with matplotlib_settings():
-        (far,) = draw_distributions(spread(*np.linspace(1.0, 2.0, 199), 1000.0), ["a"]).axes
-        (equal,) = draw_distributions(spread(*[0.0] * 5), ["a"]).axes
+        (far,) = draw_cumulative_distributions(
+            spread(*np.linspace(1.0, 2.0, 199), 1000.0), ["a"]
+        ).axes
+        (equal,) = draw_cumulative_distributions(spread(*[0.0] * 5), ["a"]).axes
     assert far.get_xlim()[1] < 2.2
     low, high = equal.get_xlim()
     assert low < 0.0 < high
@@ -105,7 +107,7 @@ def test_every_step_is_where_its_numbers_are():
 def test_errors_along_the_chain_are_the_numbers_in_centimetres():
     spreads = growth()
     with matplotlib_settings():
-        (axes,) = draw_error_along_chain(spreads).axes
+        (axes,) = draw_noise_shift_along_chain(spreads).axes
     drawn = {line.get_label(): line.get_ydata() for line in axes.get_lines()}
     assert {label: y.tolist() for label, y in drawn.items()} == {
         "local noise, measured": (100.0 * spreads["local"]).tolist(),
@@ -118,7 +120,7 @@ def test_errors_along_the_chain_are_the_numbers_in_centimetres():
 @pytest.mark.parametrize("scale", [0.0, 300.0])
 def test_nothing_overlaps(monkeypatch, scale):
     with matplotlib_settings():
-        figure = draw_error_along_chain(growth(scale))
+        figure = draw_noise_shift_along_chain(growth(scale))
         texts = drawn_texts(figure, monkeypatch)
     (axes,) = figure.axes
     assert all(np.max(line.get_ydata()) < axes.get_ylim()[1] for line in axes.get_lines())
@@ -130,16 +132,16 @@ def test_the_same_bytes_come_from_a_process_that_loads_no_pyplot(tmp_path):
     program = (
         "import sys; from pathlib import Path\n"
         "import renderer.figures.figure6.layout, renderer.figures.jitter\n"
-        "from renderer.figures.curves import draw_error_along_chain\n"
+        "from renderer.figures.curves import draw_noise_shift_along_chain\n"
         "from renderer.figures.style import save_figure\n"
         "assert 'matplotlib' not in sys.modules\n"
         "from tests.renderer.figures.test_curves import growth\n"
-        "save_figure(lambda: draw_error_along_chain(growth()), Path(sys.argv[1]), 'So.')\n"
+        "save_figure(lambda: draw_noise_shift_along_chain(growth()), Path(sys.argv[1]), 'So.')\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
         "import matplotlib; assert matplotlib.rcParams['pdf.fonttype'] == 3\n"
     )
     subprocess.run([sys.executable, "-c", program, str(tmp_path / "b")], check=True, cwd=ROOT)
-    for path in save_figure(lambda: draw_error_along_chain(growth()), tmp_path / "a", "So."):
+    for path in save_figure(lambda: draw_noise_shift_along_chain(growth()), tmp_path / "a", "So."):
         assert path.read_bytes() == (tmp_path / f"b{path.suffix}").read_bytes(), path.suffix
 
 
@@ -150,7 +152,7 @@ def test_what_cannot_be_drawn_is_told():
         (spread(1.0), "abcdefgh", "at most 6 systems"),
     ):
         with pytest.raises(FigureError, match=says):
-            draw_distributions(values, systems)
+            draw_cumulative_distributions(values, systems)
     for points, says in (
         (MARKS[:0], "no point"),
         (MARKS.assign(ms_per_frame=0.0), "gan/5 with 1 sampling steps"),

@@ -54,5 +54,5 @@ def test_a_figure_without_room_for_its_axes_is_refused() -> None:
     with matplotlib_settings():
         figure = Figure((0.5, 2.0))
         figure.subplots(1, 2)
-        with pytest.raises(FigureError, match=r"too small: labels need \d+ of \d+ pixels"):
+        with pytest.raises(FigureError, match=r"has \d+ pixels, but its labels need \d+"):
             lay_out(figure)

@@ -61,12 +61,12 @@ def jitter_of(depth: np.ndarray, seed: int, roughness: float) -> Jitter:
     phase[:9] *= 1.0 + 0.5 * (roughness - 1.0)
     share = rng.dirichlet(np.ones(len(CHAIN))) - 0.02
     return Jitter(
-        by_depth=np.array([jerk[depth == d].mean() for d in range(11)]),
-        by_joint=jerk,
+        jerk_by_depth=np.array([jerk[depth == d].mean() for d in range(11)]),
+        jerk_by_joint=jerk,
         spectrum=(frequency, power / power.sum()),
         chain=CHAIN,
         jerk_drop_by_joint=share,
-        by_window_frame=phase,
+        jerk_by_frame_in_period=phase,
         period_and_part=None,
     )
 
@@ -104,8 +104,8 @@ def test_curves_are_the_numbers_and_raw_and_filtered_panels_have_one_scale(setti
     for name, kind in itertools.product(sheet.jitter, FILTER_VERSIONS):
         measured = sheet.jitter[name][kind]
         curves = {row: lines_of(panels[f"{row} {kind}"])[name] for row in ROWS if row != "joints"}
-        np.testing.assert_allclose(curves["depth"].get_ydata(), measured.by_depth)
-        np.testing.assert_allclose(curves["seams"].get_ydata(), measured.by_window_frame)
+        np.testing.assert_allclose(curves["depth"].get_ydata(), measured.jerk_by_depth)
+        np.testing.assert_allclose(curves["seams"].get_ydata(), measured.jerk_by_frame_in_period)
         np.testing.assert_allclose(
             curves["attribution"].get_ydata(), 100 * measured.jerk_drop_by_joint
         )
@@ -123,7 +123,7 @@ def test_curves_are_the_numbers_and_raw_and_filtered_panels_have_one_scale(setti
 
 
 def test_every_joint_has_its_own_value_over_its_own_name(settings):
-    sheet = with_numbers(example_sheet(1), NAMES[0], "raw", by_joint=100.0 + np.arange(55))
+    sheet = with_numbers(example_sheet(1), NAMES[0], "raw", jerk_by_joint=100.0 + np.arange(55))
     axes = panels_of(draw_jitter_sheet(sheet))["joints raw"]
     line = lines_of(axes)[NAMES[0]]
     value_at = dict(zip(line.get_xdata(), line.get_ydata(), strict=True))
@@ -141,10 +141,10 @@ def test_every_joint_has_its_own_value_over_its_own_name(settings):
 
 
 def test_zero_jerk_is_a_gap_on_a_logarithmic_axis(settings: None) -> None:
-    sheet = with_numbers(example_sheet(2), NAMES[1], "raw", by_depth=np.full(11, 2e4))
-    jerk = sheet.jitter[NAMES[0]]["raw"].by_depth.copy()
+    sheet = with_numbers(example_sheet(2), NAMES[1], "raw", jerk_by_depth=np.full(11, 2e4))
+    jerk = sheet.jitter[NAMES[0]]["raw"].jerk_by_depth.copy()
     jerk[3] = 0.0
-    sheet = with_numbers(sheet, NAMES[0], "raw", by_depth=jerk)
+    sheet = with_numbers(sheet, NAMES[0], "raw", jerk_by_depth=jerk)
     axes = panels_of(draw_jitter_sheet(sheet))["depth raw"]
     assert axes.get_yscale() == "log"
     path = (
@@ -166,10 +166,10 @@ def test_a_factor_of_1_4_is_seen_on_a_linear_axis(settings: None) -> None:
 def test_periods_found_are_folded_and_named(settings: None) -> None:
     sheet = replace(example_sheet(2, has_reference=False), window_advance=0, window_overlap=0)
     for kind in FILTER_VERSIONS:
-        sheet = with_numbers(sheet, NAMES[0], kind, by_window_frame=np.zeros(0))
+        sheet = with_numbers(sheet, NAMES[0], kind, jerk_by_frame_in_period=np.zeros(0))
         phase = np.array([3.0, 1.0, 2.0, 1.0])
         sheet = with_numbers(
-            sheet, NAMES[1], kind, by_window_frame=phase, period_and_part=(4, "legs")
+            sheet, NAMES[1], kind, jerk_by_frame_in_period=phase, period_and_part=(4, "legs")
         )
     axes = panels_of(draw_jitter_sheet(sheet))["seams raw"]
     assert axes.get_xlabel() == "frame in the detected period"
@@ -177,7 +177,7 @@ def test_periods_found_are_folded_and_named(settings: None) -> None:
     assert not axes.patches  # no frames are shared that one knows of
     for kind in FILTER_VERSIONS:
         sheet = with_numbers(
-            sheet, NAMES[1], kind, by_window_frame=np.zeros(0), period_and_part=None
+            sheet, NAMES[1], kind, jerk_by_frame_in_period=np.zeros(0), period_and_part=None
         )
     axes = panels_of(draw_jitter_sheet(sheet))["seams raw"]
     assert " ".join(axes.texts[0].get_text().split()) == NO_PERIOD
@@ -213,7 +213,7 @@ def test_nothing_overlaps_whatever_the_names_and_numbers(
         jitter = sheet.jitter[name][kind]
         jerk = {
             key: factor * getattr(jitter, key)
-            for key in ("by_joint", "by_depth", "by_window_frame")
+            for key in ("jerk_by_joint", "jerk_by_depth", "jerk_by_frame_in_period")
         }
         drop = -min(factor, 3.0) * jitter.jerk_drop_by_joint
         sheet = with_numbers(sheet, name, kind, jerk_drop_by_joint=drop, **jerk)
@@ -222,12 +222,12 @@ def test_nothing_overlaps_whatever_the_names_and_numbers(
 
 def test_missing_numbers_leave_a_stated_gap(settings, monkeypatch):
     nothing = Jitter(
-        by_depth=np.full(11, np.nan),
-        by_joint=np.full(55, np.nan),
+        jerk_by_depth=np.full(11, np.nan),
+        jerk_by_joint=np.full(55, np.nan),
         spectrum=None,
         chain=("pelvis",),
         jerk_drop_by_joint=np.full(1, np.nan),
-        by_window_frame=np.zeros(0),
+        jerk_by_frame_in_period=np.zeros(0),
         period_and_part=None,
     )
     sheet = JitterSheet({NAMES[0]: {"raw": nothing, "savgol": nothing}}, window_advance=52)

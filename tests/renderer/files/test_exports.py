@@ -109,7 +109,7 @@ def test_right_angles_lose_nothing(body, tmp_path, degrees):
 
 def test_obj_and_ply_hold_the_posed_body(body, tmp_path):
     motion = random_motion(3)
-    posed = np.concatenate(list(body.vertices(motion)))[2]
+    posed = np.concatenate(list(body.posed_vertices(motion)))[2]
     write_posed_mesh(body, motion, 2, tmp_path / "pose.obj")
     lines = [line.split() for line in (tmp_path / "pose.obj").read_text().splitlines()]
     vertices = np.array([line[1:4] for line in lines if line[:1] == ["v"]], float)

@@ -13,7 +13,7 @@ from conventions.views import BODY_BUILDS
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
 from renderer.body.skinning import VertexNormals
-from renderer.files.glb import STEP_M, body_build_offsets_bytes, glb_bytes
+from renderer.files.glb import STEP_M, body_build_bytes, glb_bytes
 from tests.renderer.body.test_body import max_distance_mm, random_motion, smplx_file
 
 DTYPES = {5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -113,7 +113,7 @@ class Glb:
 def test_file_read_back_stands_where_the_body_stands(body):
     motion = random_motion(num_frames=5)
     glb = Glb(glb_bytes(body, motion))
-    posed = np.concatenate(list(body.vertices(motion)))
+    posed = np.concatenate(list(body.posed_vertices(motion)))
     corrected = body.pose_vertices
     for frame in (0, 4):
         distance_mm = 1e3 * np.linalg.norm(glb.posed(frame) - posed[frame], axis=-1)
@@ -141,7 +141,7 @@ def test_only_expressions_that_move_and_that_the_body_has_are_stored(body):
     motion = replace(BodyMotion.zero_pose(4), expressions=expressions)
     glb = Glb(glb_bytes(body, motion))
     assert glb.document["meshes"][0]["extras"]["targetNames"] == ["jawOpen"]
-    (opened,) = body.vertices(motion)
+    (opened,) = body.posed_vertices(motion)
     assert max_distance_mm(glb.posed(2), opened[2]) < 0.01
     assert max_distance_mm(opened[2], opened[1]) > 10
     glb = Glb(glb_bytes(body, random_motion(num_frames=2, basis="flame100")))
@@ -159,7 +159,7 @@ def test_body_without_names_or_colours(tmp_path):
 def test_every_build_comes_back_within_a_step():
     first = read_body_file(OPEN_BODY_PATH)
     normals_of = VertexNormals(first.faces, len(first.template))
-    read = np.frombuffer(body_build_offsets_bytes(), "<i2").reshape(
+    read = np.frombuffer(body_build_bytes(), "<i2").reshape(
         len(BODY_BUILDS) - 1, 2, *first.template.shape
     )
     for build, (offsets, normals) in zip(BODY_BUILDS[1:], read, strict=True):

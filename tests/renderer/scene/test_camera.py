@@ -127,7 +127,9 @@ def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
     legs = [JOINT_INDEX[f"{s}_{n}"] for s in ("left", "right") for n in ("knee", "ankle", "foot")]
     above = ~np.isin(owner, legs)
     camera = make_camera_setup(body, [motion], aspect=0.75, framing="knees").camera
-    for vertices in np.concatenate(list(body.vertices(select_frames(motion, slice(0, 30, 4))))):
+    for vertices in np.concatenate(
+        list(body.posed_vertices(select_frames(motion, slice(0, 30, 4))))
+    ):
         assert sees(camera, vertices[above], 300, 400).all()
     standing = BodyMotion.zero_pose(2)
     poses = standing.poses.reshape(2, 55, 3).copy()
@@ -176,7 +178,7 @@ def test_a_hand_beside_the_picture_stays_in_its_place_and_keeps_its_tremble(side
             stage.panel_cameras[1 + place],
             stage.followed_positions(body, motion)[1 + place],
         )
-        chunks = np.concatenate([chunk[:, tips] for chunk in body.vertices(motion)])
+        chunks = np.concatenate([chunk[:, tips] for chunk in body.posed_vertices(motion)])
         cameras = [shot.camera.translated(offset) for offset in track]
         assert all(
             sees(camera, tip, 200, 200).all() for camera, tip in zip(cameras, chunks, strict=True)
@@ -199,7 +201,7 @@ def test_the_face_fills_its_close_up_and_the_camera_follows_it():
     still, walking, some = BodyMotion.zero_pose(40), waving_motion(walk_m=3.0), slice(0, 40, 5)
     head = body.template[:, 1] > body.rest_joints[JOINT_INDEX["head"], 1] + 0.05
     stage = make_camera_setup(body, [still, walking], "face")
-    (heads,) = (chunk[:, head] for chunk in body.vertices(select_frames(walking, some)))
+    (heads,) = (chunk[:, head] for chunk in body.posed_vertices(select_frames(walking, some)))
     for vertices, offset in zip(
         heads, stage.followed_positions(body, walking)[0][some], strict=True
     ):
@@ -221,7 +223,7 @@ def test_a_body_that_wanders_far_stays_large_and_whole(view):
     heights = []
     for motion in motions:
         track, some = stage.followed_positions(body, motion)[0], slice(0, 120, 14)
-        (posed,) = body.vertices(select_frames(motion, some))
+        (posed,) = body.posed_vertices(select_frames(motion, some))
         for vertices, offset in zip(posed, track[some], strict=True):
             camera = stage.camera.translated(offset)
             assert sees(camera, vertices, 500, 500).all()
@@ -243,7 +245,7 @@ def test_one_stage_shows_all_of_all_motions_of_a_comparison_and_stands_still(vie
         and not stage.followed_positions(body, motions[0])[0].any()
     )
     for motion in motions:
-        for chunk in body.vertices(select_frames(motion, slice(0, None, 3))):
+        for chunk in body.posed_vertices(select_frames(motion, slice(0, None, 3))):
             assert sees(stage.camera, chunk, *size).all()
 
 
@@ -292,8 +294,8 @@ def test_a_quarter_turn_sees_the_left_of_the_body():
 @pytest.mark.parametrize(
     ("orbit", "words"),
     [
-        (Orbit(pitch_rad=1.6), "pitch must be -1.48 to 1.48; got 1.6"),
-        (Orbit(zoom=20.0), f"zoom must be {ZOOM_RANGE[0]:g} to {ZOOM_RANGE[1]:g}; got 20"),
+        (Orbit(pitch_rad=1.6), "pitch must be from -1.48 to 1.48; got 1.6"),
+        (Orbit(zoom=20.0), f"zoom must be from {ZOOM_RANGE[0]:g} to {ZOOM_RANGE[1]:g}; got 20"),
         (Orbit(zoom=float("nan")), "got nan"),
         (Orbit(right_m=2 * MAX_PAN_M), "offset to the right"),
         (Orbit(yaw_rad=float("inf")), "yaw"),

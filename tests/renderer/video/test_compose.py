@@ -1,6 +1,7 @@
 """Several videos in one, beside and over each other, read back."""
 
 from pathlib import Path
+from typing import get_args
 
 import av
 import numpy as np
@@ -10,9 +11,8 @@ from processes.job import Cancelled
 from renderer.scene.camera_setup import Panel
 from renderer.video.compose import (
     FLICKER_FRAMES,
-    OVERLAY_MODES,
     OverlayMode,
-    OverlayPair,
+    SuperposedPair,
     compose_videos,
     draw_label_band,
     fit_grid,
@@ -146,8 +146,8 @@ HAND = Panel("left_hand", WIDTH - SIDE, 0, SIDE, HEIGHT)
 LIGHT, DARK = 200, 60
 
 
-def pair_of(overlay: OverlayMode) -> OverlayPair:
-    return OverlayPair(overlay, WIDTH, HEIGHT, BODY, (HAND,), wipe_edge_px=20)
+def pair_of(overlay: OverlayMode) -> SuperposedPair:
+    return SuperposedPair(overlay, WIDTH, HEIGHT, BODY, (HAND,), wipe_edge_px=20)
 
 
 def laid(tmp_path: Path, overlay: OverlayMode) -> np.ndarray:
@@ -169,7 +169,7 @@ def colour(frames: np.ndarray, frame: int, column: int) -> np.ndarray:
     return frames[frame, 20:-20, column - 3 : column + 3].mean(axis=(0, 1))
 
 
-@pytest.mark.parametrize("overlay", OVERLAY_MODES)
+@pytest.mark.parametrize("overlay", get_args(OverlayMode))
 def test_close_ups_stand_on_their_own_side_of_what_is_laid_over(tmp_path, overlay):
     frames = laid(tmp_path, overlay)
     for frame in (0, 20, 39):
@@ -190,7 +190,7 @@ def test_close_ups_stand_on_their_own_side_of_what_is_laid_over(tmp_path, overla
 
 def test_two_that_agree_are_dark_in_both_inks_of_a_ghost(tmp_path):
     videos = [write_video(tmp_path / f"{i}.mp4", np.full(4, 140), size=(64, 64)) for i in (0, 1)]
-    pair = OverlayPair("ghost", 64, 64, Panel("front", 0, 0, 64, 64))
+    pair = SuperposedPair("ghost", 64, 64, Panel("front", 0, 0, 64, 64))
     compose_videos(videos, ["a", "b"], tmp_path / "out.mp4", pair=pair)
     frames = decoded_frames(tmp_path / "out.mp4").astype(int)[:, label_band_height(32) :]
     light = 140

@@ -15,9 +15,9 @@ pytestmark = pytest.mark.gl
 SETTINGS = RenderSettings(160, 160, layout=layout_panels("front", 160, 160, ("hands",)))
 
 
-def drawn(marks: Overlays | None, num_frames: int = 40, frame: int = 39) -> np.ndarray:
+def drawn(overlays: Overlays | None, num_frames: int = 40, frame: int = 39) -> np.ndarray:
     body, motion = load_body(), BodyMotion.zero_pose(num_frames)
-    return render_stills(body, motion, [frame], SETTINGS, marks=marks)[0].astype(int)
+    return render_stills(body, motion, [frame], SETTINGS, overlays=overlays)[0].astype(int)
 
 
 def test_a_trail_is_where_the_point_was_within_the_last_second():
@@ -71,14 +71,14 @@ def test_what_jerks_is_coloured_and_the_rest_is_grey():
     assert purple[right.box].mean() > 0.1 > 0.001 > purple[left.box].mean()
     shares = np.zeros((40, NUM_JOINTS), np.float32)
     shares[20:] = 1.0
-    marks = Overlays(heat=HeatMap(shares))
-    before, after = drawn(marks, frame=19), drawn(marks, frame=20)
+    overlays = Overlays(heat=HeatMap(shares))
+    before, after = drawn(overlays, frame=19), drawn(overlays, frame=20)
     assert np.abs(before - after).max(axis=2).max() > 100, "from frame to frame"
 
 
 def test_nobody_overlooks_that_a_picture_is_exaggerated():
-    marks = Overlays(notice="EXAGGERATED x20", close_up_notice="x20")
-    picture = drawn(marks)
+    overlays = Overlays(notice="EXAGGERATED x20", close_up_notice="x20")
+    picture = drawn(overlays)
     for panel, least in zip(SETTINGS.panels, (0.04, 0.02, 0.02), strict=True):
         loud = np.abs(picture[panel.box] - (196, 52, 0)).max(axis=2) < 12
         assert loud.mean() > least
@@ -91,16 +91,18 @@ def test_marks_beyond_the_picture_are_cut_off():
     far = np.tile(np.array([[50.0, 0.0, 0.0]]), (4, 1))
     behind = np.tile(np.array([[0.0, 0.0, 50.0]]), (4, 1))
     for way in (far, behind):
-        marks = Overlays(trail=Trail(way, np.ones(4), np.ones(4, bool), close_up_view="right_hand"))
-        assert render_stills(body, motion, [3], SETTINGS, stage=stage, marks=marks).any()
+        overlays = Overlays(
+            trail=Trail(way, np.ones(4), np.ones(4, bool), close_up_view="right_hand")
+        )
+        assert render_stills(body, motion, [3], SETTINGS, stage=stage, overlays=overlays).any()
 
 
 def test_painting_leaves_the_picture_it_was_given_and_legends_lie_apart():
     blank, panel = np.full((240, 160, 3), 200, np.uint8), SETTINGS.panels[0]
     nowhere = Trail(np.full((1, 3), np.nan), np.ones(1), np.zeros(1, bool), "slow to fast")
-    marks = Overlays(nowhere, HeatMap(np.zeros((1, NUM_JOINTS)), "jerk"), "n", "t")
+    overlays = Overlays(nowhere, HeatMap(np.zeros((1, NUM_JOINTS)), "jerk"), "n", "t")
     camera = camera_setup_for(load_body(), [BodyMotion.zero_pose()], SETTINGS).camera
-    painted = OverlayPainter(marks, SETTINGS.panels).paint(blank, 0, 3 * [camera])
+    painted = OverlayPainter(overlays, SETTINGS.panels).paint(blank, 0, 3 * [camera])
     assert (blank == 200).all()
     edges = np.flatnonzero(np.diff((painted[: panel.height] != 200).any(axis=(1, 2))))
     assert np.diff(edges)[1::2].tolist() == [4, 4]  # between two legends and the notice

@@ -130,7 +130,7 @@ def test_a_command_that_is_stopped_goes_on_where_it_was(corpus, tmp_path, monkey
 
 def test_a_folder_of_something_else_is_refused_and_left_alone(corpus, tmp_path):
     before = digests(corpus)
-    with pytest.raises(CorpusError, match=r"seed 3, .*asked for .*seed 4"):
+    with pytest.raises(CorpusError, match=r"seed 3, .*requested: .*seed 4"):
         build_corpus(corpus, TWO_CLIPS_H, seed=4, workers=1)
     assert digests(corpus) == before
     (tmp_path / "holiday.jpg").write_bytes(b"x")

@@ -6,7 +6,7 @@ import wave
 import numpy as np
 import pytest
 
-from model.plan.files import read_annotated_plan
+from model.plan.files import read_corpus_plan
 from model.speech.audio import load_speech
 from tests.tools.corpus.made_example import EXAMPLE, LENGTH_S, NAME, made_example
 from tools.corpus.clip import ClipPaths
@@ -37,7 +37,7 @@ def test_examples_are_read_without_the_speech_program(monkeypatch, tmp_path):
     with pytest.raises(VoiceError, match="apt-get install flite"):
         require_flite()
     for path in CLIPS:
-        assert load_speech(path).num_frames > 300
+        assert load_speech(path).num_motion_frames > 300
 
 
 def numbers(text: str) -> list[float]:
@@ -62,7 +62,7 @@ def test_the_procedural_speaker_is_what_the_corpus_program_makes(tmp_path, flite
 
 
 def test_the_procedural_speaker_is_told_of_in_full():
-    plan = read_annotated_plan(EXAMPLE / f"{NAME}.TextGrid")
+    plan = read_corpus_plan(EXAMPLE / f"{NAME}.TextGrid")
     assert plan.duration_s == LENGTH_S
     for phases in (plan.left, plan.right):
         assert (phases[0].start_s, phases[-1].end_s) == (0.0, LENGTH_S)

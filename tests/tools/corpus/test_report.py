@@ -35,7 +35,7 @@ def test_the_page_names_every_speaker_and_shows_pictures(corpus, tmp_path, capsy
     page = out.read_text()
     assert "2 clips of seed 3 by 2 speakers" in page
     assert "| figure | 1_anna_0_0_0 | 2_ben_0_1_1 | corpus |" in page
-    assert "Too few clips to say." not in page
+    assert "There are too few clips for a classifier." not in page
     assert "(figures/corpus_gestures.png)" in page
     picture = out.parent / "figures" / "corpus_gestures.png"
     assert picture.read_bytes().startswith(b"\x89PNG")

@@ -52,7 +52,7 @@ def test_alignment_gives_a_joined_sound_to_one_of_its_words(flite):
 
 
 def test_a_sentence_without_sound_is_refused(flite):
-    with pytest.raises(VoiceError, match="nothing to say"):
+    with pytest.raises(VoiceError, match="found no words to speak"):
         synthesise("...", VOICE)
 
 

@@ -70,9 +70,6 @@ def two_bone_ik(
     Args:
         root: start of the upper bone.
         target: position for the end of the lower bone.
-        upper: vector of the upper bone at rest.
-        lower: vector of the lower bone at rest.
-        hinge: axis of the middle joint at rest.
         pole: direction of the middle joint from the line between root and target.
 
     Returns:

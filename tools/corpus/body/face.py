@@ -9,12 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from conventions.rates import FPS
 from model.plan.plan import Blink, Brow, Gaze, Smile
-from tools.corpus.body.signals import (
-    frame_times,
-    gaussian_bump,
-    minimum_jerk,
-    smooth_line,
-)
+from tools.corpus.body.signals import frame_times, gaussian_bump, minimum_jerk, smooth_line
 from tools.corpus.body.trunk import Trunk
 from tools.corpus.people.speaker import PAUSE, Speaker
 from tools.corpus.words.prosody import Utterance
@@ -26,7 +21,10 @@ SMILE_HALF_S = 1.0  # half the duration of a smile around the end of a phrase
 WIDE_DEG = 14.0  # smallest gaze shift that attracts a blink
 
 _CLOSED_LIPS = {
-    **{"mouthClose": 0.35, "mouthPress": 0.45, "mouthRollLower": 0.28, "mouthRollUpper": 0.2}
+    "mouthClose": 0.35,
+    "mouthPress": 0.45,
+    "mouthRollLower": 0.28,
+    "mouthRollUpper": 0.2,
 }
 # Phones, jaw opening in degrees, dominance over the neighbours, face units.
 _VISEMES = (

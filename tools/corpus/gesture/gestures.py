@@ -72,14 +72,11 @@ SHAPES: dict[str, Float[np.ndarray, " 19"]] = {
 
 
 def finger_rotations(
-    side: str,
-    curves: Float[np.ndarray, "T 19"],
-    twist: Float[np.ndarray, "T 12"],
+    side: str, curves: Float[np.ndarray, "T 19"], twist: Float[np.ndarray, "T 12"]
 ) -> dict[int, Float[np.ndarray, "T 3 3"]]:
     """Compute the local rotations of one hand's 15 joints.
 
     Args:
-        side: ``"left"`` or ``"right"``.
         curves: hand shapes in degrees.
         twist: rotation of each long finger's joint about its bone, in degrees.
     """

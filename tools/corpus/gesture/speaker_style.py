@@ -107,10 +107,7 @@ class PoseSampler:
         return (
             replace(prepare, position=prepare.position + offset, palm=prepare.palm + turn),
             replace(
-                stroke,
-                position=own_stroke + offset,
-                palm=stroke.palm + turn,
-                fingers=own_fingers,
+                stroke, position=own_stroke + offset, palm=stroke.palm + turn, fingers=own_fingers
             ),
         )
 

@@ -98,7 +98,7 @@ def synthesise(
         phones.append(Phone(name, start / speed, float(end) / speed))
         start = float(end)
     if not any(phone.name != PAUSE for phone in phones):
-        raise VoiceError(f"flite found nothing to say in the sentence {sentence!r}.")
+        raise VoiceError(f"flite found no words to speak in the sentence {sentence!r}.")
     return waveform, align(words_of(sentence), phones)
 
 

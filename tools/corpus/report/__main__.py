@@ -30,23 +30,14 @@ from tools.corpus.gesture.gestures import GESTURES, REST, HandPose
 from tools.corpus.gesture.plan import HandKey, HandPlan
 from tools.corpus.people.rig import Rig, axis_angles, euler_matrices, open_body_rig
 from tools.corpus.people.speaker import SPEAKERS
-from tools.corpus.report.realism import (
-    Figures,
-    MeasuredClip,
-    measure_clip,
-    measure_realism,
-)
+from tools.corpus.report.realism import Figures, MeasuredClip, measure_clip, measure_realism
 
 COLUMNS, SIZE_PX = 8, 144
 VIEW = "three_quarter"
 
 
 def draw_gestures(rig: Rig, path: Path) -> None:
-    """Draw a contact sheet of every gesture at the end of its stroke and every rest pose.
-
-    Raises:
-        GLError: if there is no OpenGL backend.
-    """
+    """Draw a contact sheet of all gestures' stroke ends and rest poses; may raise GLError."""
     poses = {name: (gesture.stroke, gesture.hands) for name, gesture in GESTURES.items()}
     poses |= {f"rest: {name}": (pose, "two") for name, pose in REST.items()}
     held = [_held(rig, pose, both=hands in ("two", "free")) for pose, hands in poses.values()]
@@ -130,15 +121,15 @@ def _about(clips: Clips, seed: int | None) -> str:
     frames_s = sum(clip.duration_s for clip in clips)
     listening = sum(clip.listening_s for clip in clips) / frames_s
     return (
-        f"{len(clips)} clips{of_seed} by {len(speakers)} speakers, who listen for {listening:.1%}"
-        " of the time, which is left out.\n"
+        f"{len(clips)} clips{of_seed} by {len(speakers)} speakers. Passages in which they listen"
+        f" ({listening:.1%} of the time) are left out.\n"
     )
 
 
 def _realism(question: str, names: list[str], real: list[Figures], corpus: list[Figures]) -> str:
     title = f"## {question}\n\n"
     if len(real) < 2 or len(corpus) < 2:
-        return f"{title}Too few clips to say.\n"
+        return f"{title}There are too few clips for a classifier.\n"
     realism = measure_realism(real, corpus)
     rows = []
     for row in (
@@ -149,15 +140,11 @@ def _realism(question: str, names: list[str], real: list[Figures], corpus: list[
         rows.append([row["name"], *medians, *areas, f"{row['share']:.0%}"])
     is_reached = realism.joint <= max(AIM, realism.floor + AIM_OVER_FLOOR)
     return (
-        f"{title}A classifier separates it from real motion with an area under the curve of"
-        f" **{realism.joint:.2f}**, by {len(realism.features)} features; the two real clips from"
-        f" each other with {realism.floor:.2f}. The target, at most {AIM:g} or that +"
-        f" {AIM_OVER_FLOOR:g}, is {'reached' if is_reached else 'missed'}."
-        "\n\n"
-        + _table(
-            ["figure", *names, "corpus", "by itself", "real against real", "share"],
-            rows,
-        )
+        f"{title}A classifier with {len(realism.features)} features separates it from real motion"
+        f" with an area under the curve of **{realism.joint:.2f}**, and the two real clips from"
+        f" each other with {realism.floor:.2f}. The target (at most {AIM:g}, or at most"
+        f" {AIM_OVER_FLOOR:g} above the latter) is {'reached' if is_reached else 'missed'}."
+        "\n\n" + _table(["figure", *names, "corpus", "alone", "real against real", "share"], rows)
     )
 
 
@@ -233,11 +220,7 @@ def write_report(
 
 
 def list_clips(root: Path) -> dict[str, ClipPaths]:
-    """Return the paths of clips with motion in the table of splits, by id.
-
-    Raises:
-        ReportError: if there are none.
-    """
+    """Return the paths of clips with motion, by id; raises ReportError if there are none."""
     table = root / SPLIT_TABLE
     ids = pd.read_csv(table, dtype=str)["id"] if table.is_file() else ()
     clips = {each: clip_paths(root, each) for each in ids}

@@ -41,11 +41,7 @@ class PosedClip:
 
 
 def read_posed_clip(path: Path, rig: Rig) -> PosedClip:
-    """Read a motion file in BEAT2's layout.
-
-    Raises:
-        MotionError: if it cannot be used.
-    """
+    """Read a motion file in BEAT2's layout; raises MotionError if it cannot be used."""
     motion = load_motion(path)
     R_parent_joint = matrices(motion.poses.astype(np.float64).reshape(-1, 55, 3))
     R_world_joint, positions = forward_kinematics(
@@ -227,11 +223,7 @@ class MeasuredClip:
 
 
 def measure_clip(clip_id: str, paths: ClipPaths, rig: Rig) -> MeasuredClip:
-    """Compute all statistics of one clip.
-
-    Raises:
-        MotionError: if its motion cannot be used.
-    """
+    """Compute all statistics of one clip; raises MotionError if its motion cannot be used."""
     posed = read_posed_clip(paths.motion, rig)
     num_frames = len(posed.positions)
     annotation = paths.textgrid
@@ -285,10 +277,7 @@ def measure_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
     halves = pd.concat(corpus[0::2]), pd.concat(corpus[1::2])
     judges = _judge(first, halves[0]), _judge(second, halves[1])
     # Each classifier is tested on the real clip and the half outside its training data.
-    joint = [
-        _auc(judges[0], second, halves[1]),
-        _auc(judges[1], first, halves[0]),
-    ]
+    joint = [_auc(judges[0], second, halves[1]), _auc(judges[1], first, halves[0])]
     both, every = pd.concat([first, second]), pd.concat(halves)
     apart = every.mean() - both.mean()
     gaps = []

@@ -281,16 +281,12 @@ def split_of(sentence: str) -> Split:
 def generate_sentences(rng: np.random.Generator, split: Split) -> Iterator[str]:
     """Yield endless sentences of the split by topic; questions may be answered after a pause."""
     while True:
-        topic = _draw_topic(rng)
+        topic = TOPICS[_TOPIC_NAMES[rng.integers(len(_TOPIC_NAMES))]]
         kind = _draw_kind(rng)
         for _ in range(rng.integers(MIN_SENTENCES, MAX_SENTENCES + 1)):
             yield _sentence(rng, split, topic, kind)
             answers = kind == "QUESTION" and rng.random() < ANSWER_SHARE
             kind = AFTER_A_QUESTION if answers else _draw_kind(rng)
-
-
-def _draw_topic(rng: np.random.Generator) -> Topic:
-    return TOPICS[_TOPIC_NAMES[rng.integers(len(_TOPIC_NAMES))]]
 
 
 def _draw_kind(rng: np.random.Generator) -> str:

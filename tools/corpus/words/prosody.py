@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy.ndimage import map_coordinates
 
 from conventions.rates import SAMPLE_RATE
-from model.plan.plan import Span
+from model.plan.plan import SpanEvent
 from tools.corpus.people.speaker import PAUSE, Phone, Speaker, synthesise, words_of
 from tools.corpus.words.grammar import Split, generate_sentences
 
@@ -70,7 +70,7 @@ class Utterance:
     phones: tuple[Phone, ...]
     words: tuple[SpokenWord, ...]
     phrases: tuple[Phrase, ...]
-    listening: tuple[Span, ...] = ()
+    listening: tuple[SpanEvent, ...] = ()
     """Silences in which the speaker listens."""
 
     @property
@@ -164,13 +164,13 @@ def _join(parts: list[_Spoken], lead_s: float) -> Utterance:
     return Utterance(waveform, tuple(phones), tuple(words), (), listening)
 
 
-def _silences(phones: list[Phone], duration_s: float) -> tuple[Span, ...]:
+def _silences(phones: list[Phone], duration_s: float) -> tuple[SpanEvent, ...]:
     """Return the silences that are long enough for listening."""
     sounded = [p for p in phones if p.name != PAUSE]
     starts = [0.0, *(p.end_s for p in sounded)]
     ends = [*(p.start_s for p in sounded), duration_s]
     return tuple(
-        Span(start, end)
+        SpanEvent(start, end)
         for start, end in zip(starts, ends, strict=True)
         if end - start >= LISTENING_S[0]
     )
@@ -271,5 +271,5 @@ def _emphasise(utterance: Utterance) -> Utterance:
         tuple(
             replace(p, start_s=moved(p.start_s), end_s=moved(p.end_s)) for p in utterance.phrases
         ),
-        tuple(Span(moved(s.start_s), moved(s.end_s)) for s in utterance.listening),
+        tuple(SpanEvent(moved(s.start_s), moved(s.end_s)) for s in utterance.listening),
     )

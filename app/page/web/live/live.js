@@ -97,7 +97,7 @@ class Live {
     this.parts = make("small");
     this.#root.replaceChildren(
       make("div", { class: "asked" }, sourceLabel, filePart, systemLabel, speakerLabel, this.button, this.level, this.status,
-        make("p", { class: "latency", title: "Measured from the capture of a sound to the picture that shows the response" }, "Latency ", this.number, this.parts), this.planned.element),
+        make("p", { class: "latency", title: "Time from the capture of a sound to the frame that responds to it" }, "Latency ", this.number, this.parts), this.planned.element),
       this.picture,
     );
   }
@@ -109,7 +109,7 @@ class Live {
       this.#stage = new Stage(this.#playout, this.#look, changed);
     } catch (error) {
       this.#refusal = error;
-      this.picture.append(make("p", { class: "no-stage", role: "note" }, `${error.message} Live needs them.`));
+      this.picture.append(make("p", { class: "no-stage", role: "note" }, `${error.message} The Live tab needs them.`));
       return;
     }
     this.#bar = new Displays(this.#look, this.#stage, {}, ["isAligned", "hasWords"]);

@@ -11,14 +11,14 @@ const BEFORE_S = 2;
 const AFTER_S = 2;
 /** @type {Record<string, [string, number, number, number, number]>} */
 const SLIDERS = {
-  often: ["Gesture rate", -2, 2, 0.25, 2], // powers of the last number; the middle is as the speech asks
-  large: ["Gesture size", -1, 1, 0.125, 2],
-  high_m: ["Gesture height", -0.2, 0.2, 0.02, 0],
-  fast: ["Gesture speed", -1, 1, 0.125, 1.6],
-  both: ["Two-handed gestures", -2, 2, 0.25, 2.5],
-  smile: ["Smile", -2, 2, 0.25, 2],
+  rate_factor: ["Gesture rate", -2, 2, 0.25, 2], // powers of the last number; the middle is as the speech asks
+  size_factor: ["Gesture size", -1, 1, 0.125, 2],
+  height_offset_m: ["Gesture height", -0.2, 0.2, 0.02, 0],
+  speed_factor: ["Gesture speed", -1, 1, 0.125, 1.6],
+  joining_factor: ["Two-handed gestures", -2, 2, 0.25, 2.5],
+  smile_factor: ["Smile", -2, 2, 0.25, 2],
 };
-const EXCITED = { often: 0.7, large: 0.4, high_m: 0.06, fast: 0.5, both: 0.4 }; // steps of the sliders above
+const EXCITED = { rate_factor: 0.7, size_factor: 0.4, height_offset_m: 0.06, speed_factor: 0.5, joining_factor: 0.4 }; // steps of the sliders above
 
 export class Planned {
   #hands = { left: [], right: [] };

@@ -40,7 +40,7 @@ export class Sound {
     try {
       buffer = await this.#context.decodeAudioData(bytes);
     } catch (cause) {
-      throw new Error("This browser cannot read that sound; give it a WAV, MP3, OGG or M4A file.", { cause });
+      throw new Error("This browser cannot read the audio in this file. Choose a WAV, MP3, OGG or M4A file.", { cause });
     }
     const source = this.#context.createBufferSource();
     source.buffer = buffer;
@@ -81,7 +81,7 @@ export class Sound {
 
 function refusal({ name }) {
   if (name === "NotAllowedError") {
-    return "The microphone was denied: allow it for this page in the browser, or choose an example or a file.";
+    return "The browser denied access to the microphone. Allow it for this page, or choose an example or a file.";
   }
   if (name === "NotFoundError") return "No microphone was found: connect one, or choose an example or a file.";
   return "The microphone is not available; another program may be using it. Close that program and start again.";

@@ -25,7 +25,7 @@ export class Argument {
     this.slider.hidden = !noise?.has_slider;
     if (!noise) return;
     [this.input.min, this.input.max] = noise.range.map(String);
-    this.set(noise.rad);
+    this.set(noise.initial_rad);
   }
 
   /** Pose both bodies with noise of so many radians about each axis, once a picture. */
@@ -46,8 +46,8 @@ export class Argument {
     const { local, global: world } = this.#stage.noiseErrors;
     if (this.head.hidden || !local || !world) return;
     const cm = (metres) => `${(100 * metres).toFixed(1)} cm`;
-    this.headline.textContent = `The same joint noise moves the fingertip ${(local / world).toFixed(1)} times as far with local rotations`;
-    this.sentence.textContent = `Both bodies make the same motion, with the same random errors: ${this.output.textContent} about each axis of every joint. Local rotations (relative to the parent joint) add the errors up along the arm, so the fingertip is off by ${cm(local)} (root mean square); global rotations (in world coordinates) do not, and it is off by ${cm(world)}.`;
+    this.headline.textContent = `The same joint noise moves the fingertip ${(local / world).toFixed(1)} times as far with local as with global rotations`;
+    this.sentence.textContent = `Both bodies perform the same motion with the same random errors: ${this.output.textContent} about each axis of every joint. With local rotations (relative to the parent joint), the errors accumulate along the arm, and the fingertip is off by ${cm(local)} (root mean square). With global rotations (in world coordinates), they do not, and it is off by ${cm(world)}.`;
     this.head.dataset.ratio = (local / world).toFixed(3);
   }
 }

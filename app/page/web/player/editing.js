@@ -31,7 +31,7 @@ const SLIDERS = {
   smile: ["Smile", 0, 1, 0.05, "%", 100],
 };
 const HINT = "Select a gesture. You can drag a stroke, or the end of any hand phase.";
-const NOTHING = { rows: [], editable: {}, message: "", is_refused: false, state: "", suggestions: [] };
+const NOTHING = { rows: [], editable: {}, message: "", is_refused: false, is_working: false, suggestions: [] };
 
 export class Editing {
   #player;
@@ -184,7 +184,7 @@ export class Editing {
     this.#coming = coming;
     if (isNew) this.#watch();
     if (made) this.#arrived(made);
-    if (this.#isBusy && !value.state) this.#ended(value.is_refused);
+    if (this.#isBusy && !value.is_working) this.#ended(value.is_refused);
     this.#load();
     this.#update();
   }
@@ -318,7 +318,7 @@ export class Editing {
 
   #flush(isOpening = false) {
     if (this.#isBusy || (!this.#queue.length && !isOpening)) return;
-    this.#request = { run: this.#run, start: this.#start, edits: this.#queue };
+    this.#request = { run: this.#run, source_row: this.#start, edits: this.#queue };
     this.#queue = [];
     this.#isBusy = true;
     this.#send();
@@ -432,7 +432,7 @@ export class Editing {
 
   async #take(file) {
     if (file.size > MAX_FILE) {
-      this.#say(`${file.name} has ${(file.size / 1e6).toFixed(1)} MB; the limit for a plan is ${MAX_FILE / 1e6} MB.`, true);
+      this.#say(`${file.name} is ${(file.size / 1e6).toFixed(1)} MB; the limit for a plan is ${MAX_FILE / 1e6} MB.`, true);
       return;
     }
     this.#ask({ do: "plan", name: file.name.slice(-200), text: await file.text() });
@@ -558,7 +558,7 @@ export class Editing {
     this.#showChosen();
     if (!this.#editorData) return;
     this.kinds.offer(Object.keys(this.#editorData.kinds));
-    options(this.places, [["", "at the present moment"], ...this.#editorData.words.map(([start, , words], i) => [String(i), `on “${words}” (${start.toFixed(1)} s)`])], this.places.value);
+    options(this.places, [["", "at the current time"], ...this.#editorData.words.map(([start, , words], i) => [String(i), `on “${words}” (${start.toFixed(1)} s)`])], this.places.value);
     for (const [name, set] of this.sliders) set(this.#editorData.style[name]);
   }
 

@@ -19,7 +19,7 @@ export class Findings {
     this.element.hidden = !findings.length;
     this.element.replaceChildren(
       ...findings.map((finding) => {
-        const { name, sentence, at, part } = finding;
+        const { motion_name: name, sentence, worst_time_s: at, part } = finding;
         const row = rows.find((each) => each.name === name);
         const words = name ? [make("b", {}, `${row?.label ?? name}:`), " ", sentence] : [sentence];
         const where = at === null ? part && `the ${part}` : momentText(at);

@@ -62,7 +62,7 @@ class Player {
     this.controls.element.append(this.argument.slider);
     this.timeline.bar.append(this.sounds, this.controls.worst.line);
     this.fold = make("button", { type: "button", class: "fold", hidden: true, onclick: () => this.#foldForm(!this.#isFolded) });
-    root.showFinding = this.timeline.onmark = ({ name, at, part }) => {
+    root.showFinding = this.timeline.onmark = ({ motion_name: name, worst_time_s: at, part }) => {
       if (at !== null) goTo(this.#lockstep, at);
       this.#stage?.lookAt(name, part);
     };
@@ -133,7 +133,7 @@ class Player {
 
   /** What the stage shows, as app/page/tabs/stage.py reads it. */
   get #viewState() {
-    return { ...this.#stage.picture, look: this.#look.values, camera: this.#stage.orbit.state, sound: this.#sound?.audio ?? this.#value.audio ?? null };
+    return { ...this.#stage.picture, settings: this.#look.values, camera: this.#stage.orbit.state, soundUrl: this.#sound?.audio_url ?? this.#value.audio ?? null };
   }
 
   /** The server draws what is seen now, and tells of it under the stage. */
@@ -193,7 +193,7 @@ class Player {
     }
     if (this.sounds.options.length !== sounds.length) this.sounds.replaceChildren(...sounds.map(({ label }) => make("option", {}, label)));
     this.sounds.hidden = sounds.length < 2;
-    const timeline = this.#sound?.timeline ?? value.timeline;
+    const timeline = this.#sound?.timeline_url ?? value.timeline;
     const isFirst = this.fold.hidden;
     this.fold.hidden = plays || !this.#stage;
     if (!this.fold.hidden && isFirst) this.#foldForm(rows.length >= CROWD || matchMedia(LOW).matches);
@@ -215,7 +215,7 @@ class Player {
 
   /** Another sound under the same bodies, from the same moment on. */
   #playOther() {
-    const { audio, timeline } = this.#sound;
+    const { audio_url: audio, timeline_url: timeline } = this.#sound;
     const { time, isPlaying } = this.#lockstep;
     if (isPlaying) this.#lockstep.pause();
     this.#lockstep.setLoop(null);
@@ -309,7 +309,7 @@ class Player {
 
   /** Nothing but the bodies, in the colours of their jerk, and how far noise moves them. */
   #showArgument(noise) {
-    if (!noise === !this.#value.noise && noise?.rad === this.#value.noise?.rad) return;
+    if (!noise === !this.#value.noise && noise?.initial_rad === this.#value.noise?.initial_rad) return;
     this.#root.classList.toggle("argument", !!noise);
     for (const [name, value] of Object.entries(ARGUED)) this.#look.set(name, noise ? value : DISPLAYS[name].usual);
     this.argument.show(noise);

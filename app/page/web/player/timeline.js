@@ -232,7 +232,7 @@ export class Timeline {
 
   /** Flags where findings are worst, on the lane of their motion. */
   mark(findings) {
-    this.#marks = findings.filter(({ at }) => at !== null);
+    this.#marks = findings.filter(({ worst_time_s: at }) => at !== null);
     this.#placeMarks();
   }
 
@@ -240,7 +240,7 @@ export class Timeline {
     for (const flag of this.lanes.querySelectorAll(".flag")) flag.remove();
     if (!this.#data) return;
     for (const finding of this.#marks) {
-      const { name, sentence, at } = finding;
+      const { motion_name: name, sentence, worst_time_s: at } = finding;
       const share = this.#share(at);
       const plot = this.#lanes.get(name)?.canvas.parentElement;
       if (!plot || share < 0 || share > 1) continue;

@@ -26,10 +26,10 @@ export class Arrival {
    * @param {number} needed Frames that are about to be shown.
    */
   async next(there, needed) {
-    if (there.bytes > this.#bytes) {
-      const part = unpacked(await this.#fetched(this.#url, this.#bytes, there.bytes), this.#end);
+    if (there.num_bytes > this.#bytes) {
+      const part = unpacked(await this.#fetched(this.#url, this.#bytes, there.num_bytes), this.#end);
       this.#parts.push(part);
-      this.#bytes = there.bytes;
+      this.#bytes = there.num_bytes;
       this.#end += part.length;
     }
     const isWorthIt = this.#end === there.num_frames || this.#end >= GROWN * this.#numReturned || needed > this.#numReturned;

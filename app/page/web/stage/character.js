@@ -35,7 +35,7 @@ class Own extends EventTarget {
       await fetch(ROUTE, { method: "DELETE" });
       return this.#set("", null);
     }
-    if (file.size > MAX_BYTES) throw new Error(`This file has ${Math.ceil(file.size / 1e6)} MB; the limit for a character is ${MAX_BYTES / 1e6} MB.`);
+    if (file.size > MAX_BYTES) throw new Error(`This file is ${Math.ceil(file.size / 1e6)} MB; the limit for a character is ${MAX_BYTES / 1e6} MB.`);
     return this.#wear("POST", file);
   }
 

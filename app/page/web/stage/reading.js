@@ -15,12 +15,12 @@ export function wordsOf(what, value) {
  *
  * @param {import("../messages").PlayerRow} row
  */
-export function readingOf({ name, label, assumed }) {
-  if (!assumed?.read.length) return null;
+export function readingOf({ name, label, interpretation }) {
+  if (!interpretation?.assumptions.length) return null;
   const isOpen = ({ confidence }) => confidence === "unsure" || confidence === "user";
-  const file = { name, kind: assumed.kind };
-  const chips = assumed.read.filter(isOpen).map((each) => chip(file, wordsOf(each.kind, each.value) + (each.confidence === "unsure" ? "?" : ""), [each]));
-  const rest = assumed.read.filter((each) => !isOpen(each)).sort((one, other) => Number(!one.alternatives.length) - Number(!other.alternatives.length));
+  const file = { name, kind: interpretation.file_pattern };
+  const chips = interpretation.assumptions.filter(isOpen).map((each) => chip(file, wordsOf(each.kind, each.value) + (each.confidence === "unsure" ? "?" : ""), [each]));
+  const rest = interpretation.assumptions.filter((each) => !isOpen(each)).sort((one, other) => Number(!one.alternatives.length) - Number(!other.alternatives.length));
   if (rest.length) chips.push(chip(file, "import details", rest));
   return make("div", { class: "reading", role: "group", "aria-label": `How ${label ?? name} was read` }, ...chips);
 }

@@ -104,7 +104,7 @@ export class Stage {
     this.#look = look;
     this.#onChange = onChange;
     const probe = document.createElement("canvas").getContext("webgl2");
-    if (!probe) throw new Error("This browser shows no 3D graphics (WebGL 2).");
+    if (!probe) throw new Error("This browser does not support 3D graphics (WebGL 2).");
     const isSlow = isSoftware(probe);
     probe.getExtension("WEBGL_lose_context")?.loseContext();
     this.#canvas = make("canvas", { role: "application", tabindex: "0", "aria-label": `The bodies of this run. ${ORBIT_HELP}`, title: ORBIT_HELP });
@@ -235,14 +235,14 @@ export class Stage {
       return sides.map((side) => [{ view: null, rect: body.rect }, ...side]);
     };
     return {
-      bodies: present.map(({ row }) => ({ label: row.label ?? row.name, motion: row.motion ?? "", color: row.color })),
+      bodies: present.map(({ row }) => ({ label: row.label ?? row.name, motionUrl: row.motion ?? "", color: row.color })),
       shown: visible.map((entry) => present.indexOf(entry)),
       columns: grid(this.#visible.length, width, height).columns,
       mode: this.mode,
       wipe: this.#wipe,
       isSmoothed: this.#motionLook.isSmoothed,
       hasCharacter: this.hasCharacter,
-      size,
+      pictureSize: size,
       panels: this.#facts ? pictures().map((picture) => picture.map(panelOf)) : [],
     };
   }
@@ -252,8 +252,8 @@ export class Stage {
     if (entry.isFollowed) return;
     entry.isFollowed = true;
     try {
-      for (let there = null; this.#rows.get(entry.row.name) === entry && there !== entry.row.available; ) {
-        ({ available: there } = entry.row);
+      for (let there = null; this.#rows.get(entry.row.name) === entry && there !== entry.row.frames_available; ) {
+        ({ frames_available: there } = entry.row);
         const [motion, body, facts] = await Promise.all([entry.arrival.next(there, this.#player.frame + SOON_FRAMES), theBody(), theFacts()]);
         if (this.#rows.get(entry.row.name) !== entry) return; // another run is shown
         if (motion) this.#take(entry, motion, there, this.hasCharacter ? this.#mesh : body, facts);
@@ -283,23 +283,23 @@ export class Stage {
   /** Have the noise of the stage on a motion, if it takes any. */
   #disturb(entry) {
     const { row, clean } = entry;
-    const motion = row.space && this.#noise ? noisy(clean, row.space, this.#noise, this.#mesh) : clean;
+    const motion = row.noise_space && this.#noise ? noisy(clean, row.noise_space, this.#noise, this.#mesh) : clean;
     entry.shown = new Shown(motion, this.#mesh, this.#facts.exaggeration.max_turn);
     entry.tips.clear();
-    if (row.space) entry.error = distance(motion, clean, this.#mesh, this.#pointOf("right_middle"));
+    if (row.noise_space) entry.error = distance(motion, clean, this.#mesh, this.#pointOf("right_middle"));
   }
 
   /** Pose all bodies that take noise anew, under the cameras that there are. */
   setNoise(rad) {
     this.#noise = rad;
-    for (const entry of this.#present) if (entry.row.space) this.#disturb(entry);
+    for (const entry of this.#present) if (entry.row.noise_space) this.#disturb(entry);
     this.element.dispatchEvent(new Event("bodies"));
     this.#ask();
   }
 
   /** By the space of its noise, how far a body's fingertip is from where it is without noise (root mean square, m). */
   get noiseErrors() {
-    return Object.fromEntries(this.#present.map(({ row, error }) => [row.space, error]));
+    return Object.fromEntries(this.#present.map(({ row, error }) => [row.noise_space, error]));
   }
 
   /**
@@ -370,7 +370,7 @@ export class Stage {
 
   /** Those of which more is to come. */
   get #coming() {
-    return [...this.#rows.values()].filter(({ row, shown }) => shown && row.available && shown.length < row.available.num_frames);
+    return [...this.#rows.values()].filter(({ row, shown }) => shown && row.frames_available && shown.length < row.frames_available.num_frames);
   }
 
   /** The sound waits for bodies that are still being made, and for the first to come from the server. */
@@ -437,8 +437,8 @@ export class Stage {
   /** The first two that were made from the same noise, else the first two. */
   #alike() {
     const rows = [...this.#rows.values()].map(({ row }) => row);
-    for (const { name, noise } of rows) {
-      const other = rows.find((each) => noise && each.noise === noise && each.name !== name);
+    for (const { name, noise_key: key } of rows) {
+      const other = rows.find((each) => key && each.noise_key === key && each.name !== name);
       if (other) return [name, other.name];
     }
     return this.names;
@@ -600,10 +600,10 @@ export class Stage {
     const key = [row.label, row.motion, row.frames, row.video, row.plan, !shown, this.#large === row.name, this.#rows.size, this.#isNarrow && this.#at].join();
     if (entry.tagKey === key) return entry.tag;
     entry.tagKey = key;
-    if (!entry.reading && row.assumed) entry.reading = readingOf(row);
+    if (!entry.reading && row.interpretation) entry.reading = readingOf(row);
     const swatch = make("i", { "aria-hidden": "true" });
     const tools = make("span", { class: "tools" }, filesOf(row, this.hasCharacter) ?? "");
-    if (this.#rows.size > 1 && !row.space) {
+    if (this.#rows.size > 1 && !row.noise_space) {
       const isLarge = this.#large === row.name;
       const label = isLarge ? "Show all again" : `Enlarge ${row.label ?? row.name}`;
       tools.append(iconButton("large", label, () => this.enlarge(row.name), { class: "enlarge", "aria-pressed": String(isLarge) }));
@@ -620,7 +620,7 @@ export class Stage {
     if (this.mode === "grid") return;
     const [first, second] = this.pair.map((name) => this.#rows.get(name)?.row);
     if (!first || !second) return;
-    const isOther = first.noise !== second.noise;
+    const isOther = first.noise_key !== second.noise_key;
     const ofNoise = isOther ? " They were generated from different noise, so the gestures differ." : "";
     const how = {
       ghost: `Each body in its own colour; dark where they overlap.${this.#look.get("isAligned") ? " Aligned at the pelvis." : ""}`,
@@ -644,7 +644,7 @@ export class Stage {
     };
     const parts = [];
     if (this.#look.get("hasHeat")) parts.push(scale(this.#facts.marks.heat, `jerk: 0 to ${round(this.#look.get("heatScale"))} m/s³`));
-    if (this.#look.get("hasTrail")) parts.push(scale(this.#facts.marks.speed, `0 to ${speed} m/s, dot: jerk over ${round(this.#look.get("heatScale"))} m/s³`));
+    if (this.#look.get("hasTrail")) parts.push(scale(this.#facts.marks.speed, `speed 0 to ${speed} m/s; dots: jerk over ${round(this.#look.get("heatScale"))} m/s³`));
     this.#scales.replaceChildren(...parts);
   }
 

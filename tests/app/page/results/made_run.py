@@ -33,7 +33,7 @@ def made_run(
     """A row with a motion and a video for each jerk, and a time line in which each jerks once."""
     jerk = jerk or {"local": 100.0}
     usual = {"speech": "speech", "systems": "local", "seed": "0", "steps": "default"}
-    values = {"kind": "generated", "title": title, "point": "right_middle"}
+    values = {"kind": "generated", "title": title, "tracked_point": "right_middle"}
     values |= {"speech_sha256": SPEECH_SHA256, "settings": {**usual, **(settings or {})}}
     job.mkdir(exist_ok=True)
     record = RunRecord(**{**values, **changes})
@@ -42,7 +42,7 @@ def made_run(
         run.write_audio(made_waveform(round(16_000 * duration_s)))
         for name in jerk:
             run.write_motion(name, made_motion(8))
-            video = run.folder.path(f"{name.replace('/', '-')}.mp4")
+            video = run.folder.new_path(f"{name.replace('/', '-')}.mp4")
             video.touch()
             run.add_files(video, row=name, kind="video")
         worst = [
@@ -53,7 +53,7 @@ def made_run(
         line |= {"heard_accents": []}
         line |= {"curves": {name: {"raw": {}} for name in jerk}, "worst": worst}
         run.write_timeline(line | {"point": "Right middle fingertip"}, said)
-        run.write_metrics(numbers(reference, **jerk))
+        run.record_metrics(numbers(reference, **jerk))
         run.finish("Done.")
     return showing_in(job)
 

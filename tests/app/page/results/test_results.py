@@ -20,7 +20,7 @@ from app.findings.metric_table import (
     METRICS,
     POWER_ABOVE_5_HZ,
     SEAMS,
-    format_value,
+    format_three_digits,
     nearest_names,
 )
 from app.page.parts import markup
@@ -48,9 +48,9 @@ EVIL = "<script>alert(1)</script>"
 
 def table(diagnostics: Diagnostics, tmp_path: Path) -> str:
     """As the page shows what the worker has measured."""
-    record = RunRecord(kind="imported", point="right_middle")
+    record = RunRecord(kind="imported", tracked_point="right_middle")
     with open_run_writer(tmp_path / "results", record) as run:
-        run.write_metrics(diagnostics)
+        run.record_metrics(diagnostics)
         return run_metrics_table(run.record)
 
 
@@ -78,8 +78,8 @@ def test_the_nearest_to_the_reference_is_marked_not_the_lowest(tmp_path):
     ):
         assert nearest_names(values, target) == names
     short = {None: "n/a", 0.0: "0", 152.4: "152", 1234.5: "1,230", 0.00623: "0.00623"}
-    assert {value: format_value(value) for value in short} == short
-    assert (format_value(-3.214), format_value(2.5e-7)) == ("-3.21", "2.5e-07")
+    assert {value: format_three_digits(value) for value in short} == short
+    assert (format_three_digits(-3.214), format_three_digits(2.5e-7)) == ("-3.21", "2.5e-07")
 
 
 def test_numbers_are_there_raw_and_filtered_in_the_units_that_it_says(tmp_path):
@@ -188,8 +188,8 @@ def test_what_a_run_was_asked_for_is_told_in_words_and_what_differs_is_found():
     assert told["sampler"].startswith("Heun")
     assert told["tracked point"] == "right middle fingertip"
     assert told["words"] == "none"
-    assert settings_summary(asked(words="recognise"))["words"] == "recognised"
-    given = asked(words="recognise", transcript=Path("/up/said.txt"))
+    assert settings_summary(asked(word_source="recognise"))["words"] == "recognised"
+    given = asked(word_source="recognise", transcript=Path("/up/said.txt"))
     assert settings_summary(given)["words"] == "said.txt"
     first, second = settings_summary(asked(seed=3)), settings_summary(asked(seed=7, steps=25))
     assert differing_settings(first, second) == {"seed": ("3", "7"), "steps": ("default", "25")}
@@ -276,7 +276,7 @@ def test_numbers_of_different_protocols_are_never_in_one_row(run):
     """BeatAlign of a run with a reference and of one without have different mean speeds."""
     a, b = run(reference=104.0, jerk={"a": 120.0, "b": 90.0}), run(jerk={"a": 100.0})
     for run_view in (a, b):
-        for name, of in run_view.record.numbers.items():
+        for name, of in run_view.record.metrics.items():
             for version in of.values():
                 version |= {"beat_align": 0.6 if name == "a" else 0.5, "beat_align_chance": 0.4}
     pair = RunPair(a, b).metrics_table()
@@ -318,7 +318,7 @@ def test_both_are_in_one_player_with_one_time_line(run):
     value = RunPair(a, b).player_value()
     assert [row["name"] for row in value["rows"]] == ["f/x (A)", "f/x (B)", "f/y (A)"]
     assert [row["label"] for row in value["rows"]] == ["x (A)", "x (B)", "y (A)"]
-    noise = [row["noise"] for row in value["rows"]]
+    noise = [row["noise_key"] for row in value["rows"]]
     assert noise[0] == noise[2] != noise[1]  # another seed is other noise
     assert all(row["video"].startswith("media/") for row in value["rows"])
     head, data = value["timeline"].split(",")
@@ -346,9 +346,9 @@ def test_of_two_speeches_either_can_be_heard_with_its_own_time_line(run):
     value = RunPair(a, b).player_value()
     assert [sound["label"] for sound in value["sounds"]] == ["A: speech", "B: another"]
     first, second = value["sounds"]
-    assert (value["audio"], value["timeline"]) == (first["audio"], first["timeline"])
-    assert first["audio"] != second["audio"]
-    lines = [line_of(sound["timeline"]) for sound in value["sounds"]]
+    assert (value["audio"], value["timeline"]) == (first["audio_url"], first["timeline_url"])
+    assert first["audio_url"] != second["audio_url"]
+    lines = [line_of(sound["timeline_url"]) for sound in value["sounds"]]
     assert [line["duration_s"] for line in lines] == [2.0, 3.0]
     assert [line["words"] for line in lines] == [said, []]  # nobody said it in the other
     assert lines[0]["curves"].keys() == lines[1]["curves"].keys() == {"f/x (A)", "f/x (B)"}

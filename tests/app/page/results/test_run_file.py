@@ -10,11 +10,11 @@ from starlette.testclient import TestClient
 
 from app.errors import RunError
 from app.notebook import show
-from app.page.html_export import ENTRY_MODULE, WEB, _needed, standalone_html, write_html_page
+from app.page.html_export import ENTRY_MODULE, WEB, _needed, standalone_html, write_standalone_html
 from app.page.results.saved_runs import SavedRuns, download_route, file_name
 from app.page.routes.media import OnDemandFiles
 from app.run.output.provenance import PROVENANCE, WEIGHTS_ARE_KEY
-from app.run.output.run_folder import edit_record, is_run_zip, save_run
+from app.run.output.run_folder import is_run_zip, locked_record, zip_run_task
 from model.speech.audio import Speech
 from model.speech.transcript import Transcript, Word
 from tests.app.fakes import does
@@ -27,9 +27,9 @@ def test_whoever_has_the_link_can_save_the_run(tmp_path):
     runs = SavedRuns(3600.0)
     kept = keep(runs, tmp_path / "job", "mine", title="ä/b\nc", jerk={"f/x": 9.0})
     made = OnDemandFiles(tmp_path, does)
-    forms = ((".zip", save_run, ""), (".html", write_html_page, "/page"))
+    forms = ((".zip", zip_run_task, ""), (".html", write_standalone_html, "/page"))
     client = TestClient(FastAPI(routes=[download_route(runs, made, *form) for form in forms]))
-    with edit_record(kept.view.folder) as record:
+    with locked_record(kept.view.folder) as record:
         record.rows[0].files["input_plan"] = "f-x.plan.json"
     address = f"media/run/{kept.token}"
     assert f'href="{address}/page"' in kept.downloads_html(kept.view)

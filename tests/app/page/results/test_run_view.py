@@ -43,7 +43,8 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
     rows = [value["rows"] for value in values if value["rows"]]
     assert all([row["name"] for row in each] == list(NAMES) for each in rows)
     assert [row["is_reference"] for row in rows[0]] == [False, False, True]
-    assert [row["available"]["num_ready"] for row in rows[-1]] == [30] * 3, "cut to the speech"
+    num_ready = [row["frames_available"]["num_ready"] for row in rows[-1]]
+    assert num_ready == [30] * 3, "cut to the speech"
     assert not any("input_plan" in row for each in rows for row in each)
     first = [each[0] for each in rows]
     for kind in ("frames", "motion", "plan"):
@@ -60,7 +61,7 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
 
 def test_another_browser_gets_addresses_of_its_own_and_changes_nothing(tmp_path):
     run_view = made_run(tmp_path / "job")
-    run_view.set_editor_message()
+    run_view.set_editor_state()
     other = run_view.for_browser(lambda path: f"other/{path.name}")
     mine, theirs = run_view.player_value(), other.player_value()
     assert "editing" in mine and "editing" not in theirs
@@ -70,9 +71,9 @@ def test_another_browser_gets_addresses_of_its_own_and_changes_nothing(tmp_path)
 def test_the_example_is_shown_to_every_visitor_without_a_cookie():
     media = SharedFolders()
     value = example_player_value(media)
-    assert value["is_example"] and not value["running"] and value["noise"]["rad"] == 0.02
+    assert value["is_example"] and not value["running"] and value["noise"]["initial_rad"] == 0.02
     local, other = value["rows"]
-    assert (local["space"], other["space"]) == ("local", "global")
+    assert (local["noise_space"], other["noise_space"]) == ("local", "global")
     assert local["frames"] == other["frames"] and local["color"] != other["color"]
     assert (
         media.file_of_url(local["frames"], "of anybody") is not None
@@ -83,7 +84,7 @@ def test_the_example_is_shown_to_every_visitor_without_a_cookie():
 
 def test_a_damaged_folder_is_told_of_and_no_link_is_followed(tmp_path):
     (row,) = make_rows(["a"])
-    record = RunRecord(kind="imported", point="right_wrist", rows=[row], timeline=TIMELINE)
+    record = RunRecord(kind="imported", tracked_point="right_wrist", rows=[row], timeline=TIMELINE)
     record.write(tmp_path / RUN)
     for content in ("[" * 10**5, "[1]", "{"):
         (tmp_path / TIMELINE).write_text(content)

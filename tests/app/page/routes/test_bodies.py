@@ -34,11 +34,11 @@ def client(served: Served) -> TestClient:
 
 
 TOO_MUCH: dict[str, tuple[Any, str]] = {
-    "bytes": ({"data": ["x" * MAX_BODY_BYTES]}, "larger than 1,000,000 bytes"),
+    "bytes": ({"data": ["x" * MAX_BODY_BYTES]}, "larger than the limit of 1,000,000 bytes"),
     "items": ({"data": [[1] * (MAX_ITEMS + 1)]}, f"items; the limit is {MAX_ITEMS}."),
     "files": ({"data": [[FILE] * 200, [FILE] * 51]}, f"more than {MAX_ITEMS} files"),
-    "values": ({"data": [[[0] * 200] * 100]}, "more than 10,000 values"),
-    "depth": ({"data": json.loads("[" * 60 + "]" * 60)}, "nested more than 32 levels"),
+    "values": ({"data": [[[0] * 200] * 100]}, "the limit of 10,000 values"),
+    "depth": ({"data": json.loads("[" * 60 + "]" * 60)}, "the limit is 32 levels"),
     "url": (
         {"data": [[{**FILE, "path": "https://evil.example/a.wav"}]]},
         "upload the file instead",

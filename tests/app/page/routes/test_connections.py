@@ -33,7 +33,7 @@ def page(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bl
         patch.setattr(connections, "STALLED_S", 0.2)
         patch.setattr(connections, "MAX_CONNECTIONS", MOST)
         temp = tmp_path_factory.mktemp("page")
-        page = launch(AppConfig(port=0, weights=weights, temp=temp), preloads_models=False)
+        page = launch(AppConfig(port=0, weights=weights, temp_folder=temp), preloads_models=False)
         yield page
         page.close()
 

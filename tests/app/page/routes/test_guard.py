@@ -152,8 +152,8 @@ def test_a_claim_of_another_address_is_believed_of_a_proxy_that_was_named_and_of
             {"X_Gradio_Server": f"https://{host}"},
         ):
             assert root(client, **claim) == ADDRESS.rstrip("/"), claim
-    proxies = parse_config(["--proxy", "10.0.0.2", "--proxy", "10.1.0.0/16"]).proxies
-    names = {"proxies": proxies, "host_names": ("lab.example",)}
+    proxies = parse_config(["--proxy", "10.0.0.2", "--proxy", "10.1.0.0/16"]).trusted_proxies
+    names = {"trusted_proxies": proxies, "host_names": ("lab.example",)}
     with served_page(weights, tmp_path, **names) as page:
         assert os.environ["FORWARDED_ALLOW_IPS"] == "127.0.0.1,::1,10.0.0.2,10.1.0.0/16"
         claim = {"X_Forwarded_Host": "lab.example", "X_Forwarded_Proto": "https"}
@@ -164,7 +164,7 @@ def test_a_claim_of_another_address_is_believed_of_a_proxy_that_was_named_and_of
                         ("--embed-in", "https://a; b")):  # fmt: skip
         with pytest.raises(RunError, match=f"{flag} takes .*; got {value}"):
             is_proxy = flag == "--proxy"
-            AppConfig(proxies=(value,)) if is_proxy else AppConfig(frame_ancestors=(value,))
+            AppConfig(trusted_proxies=(value,)) if is_proxy else AppConfig(frame_ancestors=(value,))
 
 
 def test_all_is_found_below_a_root_path_whether_a_proxy_removes_it_or_not(weights, tmp_path):

@@ -115,8 +115,8 @@ def test_one_too_many_is_told(client, monkeypatch):
             socket.send_text(json.dumps(ASK))
             answers.append(told(socket))
     assert "token" in answers[0] and "token" in answers[2]
-    assert "1 live sessions are already running from your network address" in answers[1]["end"]
-    assert "2 live sessions are already running on this machine" in answers[3]["end"]
+    assert "Your network address already has 1 live sessions" in answers[1]["end"]
+    assert "2 live sessions are already running on this server" in answers[3]["end"]
 
 
 def test_examples_are_there_and_nothing_else(client):

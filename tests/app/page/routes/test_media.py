@@ -398,6 +398,6 @@ def test_figure_6_is_drawn_again_as_a_url_says_within_the_limits_of_the_form(med
     query = QueryParams("panels=a&panels=d&frames=&width=85mm")
     request = redraw_request(job, query, "svg", job / "figure6.svg", None)
     assert request.figures == FigureOptions(
-        figure_panels=("a", "d"), figure_width="85mm", figure_forms=("svg",)
+        figure_panels=("a", "d"), figure_width="85mm", figure_formats=("svg",)
     )
     assert request.out == job / "figure6" and request.run == job

@@ -26,7 +26,11 @@ class Counted:
 
 @pytest.mark.parametrize("root_path", ["", "/bench", "https://lab.example/bench"])
 def test_answers_are_gradios_and_built_once(weights, tmp_path, root_path):
-    settings = {"host_names": ("lab.example",), "root_path": root_path, "proxies": ("10.0.0.1",)}
+    settings = {
+        "host_names": ("lab.example",),
+        "root_path": root_path,
+        "trusted_proxies": ("10.0.0.1",),
+    }
     with served_page(weights, tmp_path, **settings) as page:
         guard = page.app.middleware_stack
         assert isinstance(guard, Guard) and isinstance(guard.inner, PageCache)

@@ -17,7 +17,7 @@ from websockets.sync.client import connect
 from app.config import AppConfig
 from app.page.launch import launch
 from app.page.routes import live_route
-from app.page.visitors.visitors import address_of
+from app.page.visitors.visitors import client_network_of
 from model.motion.motion import save_motion
 from tests.app.page.conftest import UPLOAD
 from tests.helpers import ROOT, smooth_motion_example
@@ -160,18 +160,18 @@ def test_behind_a_proxy_as_the_docs_say(proxy, below, certificate, weights, tmp_
 
     def noted(request) -> str:
         """Addresses of visitors who speak, as the page sees them."""
-        seen.append(address_of(request))
+        seen.append(client_network_of(request))
         return seen[-1]
 
     monkeypatch.setattr(socket, "getaddrinfo", looked_up)
-    monkeypatch.setattr(live_route, "address_of", noted)
+    monkeypatch.setattr(live_route, "client_network_of", noted)
     port = free_port()
     address = f"https://{NAME}:{port}{below}/"
     origin = f"https://{NAME}:{port}"
     trusted = ssl.create_default_context(cafile=str(certificate[0]))
     monkeypatch.setenv("GRADIO_TEMP_DIR", "")  # launching sets it for the whole process
     settings = {"host_names": (NAME,), "accounts": (ACCOUNT,), "root_path": below}
-    config = AppConfig(port=0, weights=weights, temp=tmp_path / "page", **settings)
+    config = AppConfig(port=0, weights=weights, temp_folder=tmp_path / "page", **settings)
     save_motion(smooth_motion_example(45), tmp_path / "a.npz")
     motion = (tmp_path / "a.npz").read_bytes()
     sound = (30_000 * made_waveform(16_000 * 3)).astype("<i2").tobytes()

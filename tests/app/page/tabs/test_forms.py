@@ -13,13 +13,13 @@ from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts.catalogue import Catalogue, default_systems
 from app.page.parts.form_values import Fields, parse_form_values
-from app.page.tabs.motion import build_form, copy_as_upload, request_from_form, values_to_save
+from app.page.tabs.motion import build_form, copy_as_upload, request_from_form, save_form_values
 from app.page.tabs.motion_run import RunProgress
 from app.page.tabs.own_motion import (
     MAX_NAME,
-    build_own_form,
+    build_own_motion_form,
     display_names,
-    has_archives,
+    has_clip_archives,
     own_motion_request,
 )
 from app.page.tabs.runner import Services
@@ -28,7 +28,7 @@ from app.run.callbacks import StageProgress
 from app.run.display import Display
 from app.run.generated_motions import row_names
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest
-from app.study.design.plan import Plan, read_plan
+from app.study.design.plan import StudyPlan, read_study_plan
 from model.plan.style import StyleChange
 from model.systems.globaldiff.config import PRIORFLOW, SYSTEMS
 from model.systems.planned.config import PLANNED
@@ -71,7 +71,7 @@ def form(services: Services) -> Fields:
 @pytest.fixture(scope="module")
 def own_form(services: Services) -> Fields:
     with gr.Blocks():
-        return build_own_form(services).fields
+        return build_own_motion_form(services).fields
 
 
 @pytest.fixture(scope="module")
@@ -106,15 +106,15 @@ def test_every_field_of_the_form_reaches_the_run(form):
         post_filter="savgol",
         reference=Path("/reference.npz"),
         transcript=Path("/said.txt"),
-        words="recognise",
-        joint="left_index",
+        word_source="recognise",
+        tracked_point="left_index",
         start_frame=12,
         figure_panels=("a", "b"),
         figure_frames=(0, 40, 80),
         figure_width="85mm",
-        figure_forms=("png",),
+        figure_formats=("png",),
         close_ups=("face", "hands"),
-        size=640,
+        picture_height_px=640,
         display=Display(has_trail=True),
         has_video=False,
     )
@@ -169,7 +169,7 @@ def test_what_fills_the_form_in_again_is_all_but_files_that_a_run_does_not_show(
     job.mkdir()
     sent = {name: part.value for name, part in form.items()} | FORM
     sent["speech"] = str(speech)
-    kept = values_to_save(form, list(sent.values()), job)
+    kept = save_form_values(form, list(sent.values()), job)
     again = Path(kept.pop("speech"))
     assert again.name == speech.name and job in again.parents and again.read_bytes() == b"RIFF"
     files = ("speech", "reference", "transcript", "plan")
@@ -186,20 +186,20 @@ def test_several_clips_are_one_run_over_the_folder_that_they_are_laid_in(form, t
     assert asked.speech.path == Path("/job/form") and not asked.output.has_video
     assert read(form, **alone, speech=None, clips=others[:1]).speech.path == speeches[1]
     sent = {name: part.value for name, part in form.items()}
-    kept = values_to_save(
+    kept = save_form_values(
         form, list((sent | {"speech": first, "clips": others}).values()), tmp_path
     )
     assert kept["speech"] is None and [Path(path).stem for path in kept["clips"]] == list("abc")
     assert [path.read_text() for path in sorted((tmp_path / "form").iterdir())] == list("abc")
     for changes, words in (
         ({"clips": [first]}, "Two clips are called 'a'"),
-        ({"clips": ["/up/b.aiff"]}, r"b\.aiff is not a supported audio file \(\.wav,"),
+        ({"clips": ["/up/b.aiff"]}, r"b\.aiff is not a supported audio file\. Supported: \.wav,"),
         ({"clips": others, "plan": "/plan.json"}, "belongs to a single clip"),
         ({"clips": [f"{number}.wav" for number in range(10)]}, "at most 10 clips; 11 were given"),
     ):
         with pytest.raises(RunError, match=words):
             read(form, **{**alone, "speech": first, **changes})
-    line = RunProgress().html([StageProgress("speech", 0.5, clip="2 clips")])
+    line = RunProgress().updated_html([StageProgress("speech", 0.5, clips_text="2 clips")])
     assert f"2 clips: {text.STAGE_NAMES['speech']}" in line
 
 
@@ -216,8 +216,8 @@ def test_what_a_form_offers_and_says_of_the_run(tmp_path):
         os.utime(copy, (0, 0))
     assert [each.name for each in copy.parent.iterdir()] == ["example.wav"]
     line = RunProgress()
-    assert text.STARTING_SYSTEMS in line.html([])
-    told = line.html(
+    assert text.STARTING_SYSTEMS in line.updated_html([])
+    told = line.updated_html(
         [StageProgress("speech", 1.0), StageProgress("motion", 0.5, "globaldiff/local")]
     )
     assert text.STAGE_NAMES["motion"] in told and "50 %" in told
@@ -239,12 +239,12 @@ def test_the_form_of_own_motion_becomes_the_ask(own_form):
     assert files.motions.motions == (Path("/up/1/a.npz"), Path("/up/2/a.npz"))
     assert (files.imports.reference, files.speech.path) == (Path("/up/r.npz"), None)
     assert files.speech.transcript == Path("/up/said.txt")
-    assert (files.figures.start_frame, files.joint, files.output.out) == (
+    assert (files.figures.start_frame, files.tracked_point, files.output.out) == (
         30,
         "right_middle",
         Path("job/results"),
     )
-    assert files.output.has_video and (files.motions.window, files.motions.overlap) == (None, 0)
+    assert files.output.has_video and files.motions.generation_window_frames is None
     names = display_names(["x" * 100, "x" * 90, "b"])
     assert names == ("x" * MAX_NAME, "x" * MAX_NAME + " (2)", "b")
     assert own(own_form, *MOTIONS[:8], shown=["b", "h"], recorded="h").motions.visible == ("b",)
@@ -258,7 +258,7 @@ def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_g
     assert [each[0] for each in asked.imports.import_overrides.entries] == ["a", ""]
     assert asked.speech.channel == 1
     sets = own(own_form, "/up/a.tar.gz", **said)
-    assert has_archives(sets.motions.motions) and not has_archives(asked.motions.motions)
+    assert has_clip_archives(sets.motions.motions) and not has_clip_archives(asked.motions.motions)
     assert sets.motions.names == ("a",) and sets.speech.channel == 1
     assert len(sets.imports.import_overrides.entries) == 4
 
@@ -305,19 +305,19 @@ STUDY: dict[str, Any] = {
 }
 
 
-def planned(form: Fields, folder: Path, **changes: Any) -> Plan:
+def planned(form: Fields, folder: Path, **changes: Any) -> StudyPlan:
     path = folder / "plan.toml"
-    path.write_text(study_plan_toml(told(form, Plan, **STUDY | changes)), "utf-8")
-    return read_plan(path)
+    path.write_text(study_plan_toml(told(form, StudyPlan, **STUDY | changes)), "utf-8")
+    return read_study_plan(path)
 
 
 def test_the_form_of_a_study_becomes_a_plan(study_form, tmp_path):
     plan = planned(study_form, tmp_path)
     assert plan.title == STUDY["title"]
     assert (plan.protocol, plan.participants, plan.seed) == ("ranking", 12, 3)
-    assert (plan.length_s, plan.views) == (8.0, ("front", "side"))
+    assert (plan.video_s, plan.views) == (8.0, ("front", "side"))
     assert [clip.speech for clip in plan.clips] == [tmp_path / "one.wav", tmp_path / "two.wav"]
-    assert plan.systems[1].motion == {
+    assert plan.conditions[1].motion == {
         "one": tmp_path / "theirs--one.npz",
         "two": tmp_path / "theirs--two.npz",
     }
@@ -326,7 +326,7 @@ def test_the_form_of_a_study_becomes_a_plan(study_form, tmp_path):
     told["panel_ids"] = "PROLIFIC_PID, STUDY_ID"
     plan = planned(study_form, tmp_path, **told)
     assert (plan.return_to, plan.contact, plan.consent) == (link, "a@lab.example", "Yes?\nNo?")
-    assert plan.panel_ids == ("PROLIFIC_PID", "STUDY_ID")
+    assert plan.panel_id_names == ("PROLIFIC_PID", "STUDY_ID")
     bare = planned(study_form, tmp_path, title=" ", seed=None)
     assert (bare.seed, bare.post_to, bare.return_to) == (0, None, None)
     evil = planned(study_form, tmp_path, title='x"\nface = "moving"\ny = "')
@@ -350,7 +350,7 @@ def test_the_form_of_a_study_becomes_a_plan(study_form, tmp_path):
 )
 def test_a_study_that_cannot_be_made_gives_a_sentence(study_form, changes, words):
     with pytest.raises(RunError, match=words):
-        study_plan_toml(told(study_form, Plan, **STUDY | changes))
+        study_plan_toml(told(study_form, StudyPlan, **STUDY | changes))
 
 
 @pytest.mark.parametrize("question", STUDY_PRESETS)
@@ -359,10 +359,10 @@ def test_changes_of_gestures_become_systems(study_form, tmp_path, question):
     asked = {"protocol": protocol, "systems": [PLANNED], "motions": None, "changed": changed}
     plan = planned(study_form, tmp_path, **asked)
     assert plan.protocol == protocol and plan.has_sound
-    names = [each.name for each in plan.systems]
+    names = [each.name for each in plan.conditions]
     assert names == [PLANNED, *(f"{PLANNED} {name}" for name in changed)]
-    assert {each.system for each in plan.systems} == {PLANNED}
-    styles = [each.style for each in plan.systems]
+    assert {each.system for each in plan.conditions} == {PLANNED}
+    styles = [each.style for each in plan.conditions]
     assert styles[0] is None and all(each not in (None, StyleChange()) for each in styles[1:])
 
 

@@ -21,14 +21,14 @@ from app.findings.metric_table import JERK
 from app.page.parts import markup
 from app.page.parts.markup import Updates
 from app.page.results.result_parts import ResultParts
-from app.page.results.saved_runs import SavedRuns, add_owner_run
+from app.page.results.saved_runs import SavedRuns, add_host_run
 from app.page.routes.media import SharedFolders
 from app.page.tabs.live import LiveRecordingRunner, live_choices
 from app.page.tabs.motion import FormParts, build_form
 from app.page.tabs.motion_run import GenerateRunner, PageLoader
-from app.page.tabs.own_motion import ClipRunner, DiagnoseRunner, build_own_form
+from app.page.tabs.own_motion import ClipRunner, DiagnoseRunner, build_own_motion_form
 from app.page.tabs.stage import BackgroundVideos, RemainingTime
-from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
+from app.page.tabs.study import NO_COOKIE, StudyPlanRunner, StudyRunner, build_study_tab
 from app.page.visitors.job_folders import Job
 from app.run.batch.archives import UNPACKED
 from app.run.batch.saved_run import OPENED
@@ -37,7 +37,7 @@ from app.run.output.run_folder import RUN, zip_run
 from app.run.requests.parts import VideoOptions
 from app.run.requests.requests import DiagnoseRequest
 from app.run.tasks import SetResults
-from app.study.make.workspace import ExportRequest
+from app.study.make.export_folders import ExportRequest
 from conventions.views import CLOSE_UPS
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech
@@ -60,13 +60,13 @@ def saved(downloads: Any) -> list[str]:
 class Own:
     """The tab for motion of one's own, over a diagnose and sets of the test's."""
 
-    def __init__(self, folder: Path, diagnose: Any, measure_sets: Any = None) -> None:
-        does = {"run_request": diagnose, "measure_sets": measure_sets}
+    def __init__(self, folder: Path, diagnose: Any, measure_uploaded_sets: Any = None) -> None:
+        does = {"run_page_request": diagnose, "measure_uploaded_sets": measure_uploaded_sets}
         services = fakes.made_services(folder, does, config=AppConfig())
         with gr.Blocks():
             self.parts = ResultParts()
             self.sets_shown, self.sets_clip = gr.HTML(), gr.Dropdown()
-            form = build_own_form(services)
+            form = build_own_motion_form(services)
         of_sets = self.sets_shown, self.sets_clip
         self.runner = DiagnoseRunner(services, form, self.parts, of_sets)
         self.opener = ClipRunner(services, form, self.parts, self.runner)
@@ -85,12 +85,15 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
     assert saved(last["downloads"]) == ["diagnostics.json", "jitter.png"]
     assert 'href="media/run/' in last["downloads"]["value"]
     read = [{**fakes.ASSUMED, "reason": "so"}]
-    assert last["player"]["rows"][0]["assumed"] == {"kind": "*.npz", "read": read}
+    assert last["player"]["rows"][0]["interpretation"] == {
+        "file_pattern": "*.npz",
+        "assumptions": read,
+    }
 
 
 def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, speech):
     failing = make_generate(late_error=RunError("The disk is full."))
-    services = made_services(tmp_path, {"run_request": failing})
+    services = made_services(tmp_path, {"run_page_request": failing})
     with gr.Blocks():
         form, parts = build_form(services), ResultParts()
     runner = GenerateRunner(services, form, parts)
@@ -98,17 +101,17 @@ def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, sp
     *_, last = updates_of(runner, parts, *values, None)
     assert "The disk is full." in last["message"]["value"] and text.STOPPED in last["status"]
     (row,) = last["player"]["rows"]
-    assert row["available"]["num_ready"] == 30 and not last["player"]["running"]
+    assert row["frames_available"]["num_ready"] == 30 and not last["player"]["running"]
     assert "globaldiff-local.npz" in saved(last["downloads"])
     early = make_generate(error=RunError("No such system."))
-    services = made_services(tmp_path / "early", {"run_request": early})
+    services = made_services(tmp_path / "early", {"run_page_request": early})
     runner = GenerateRunner(services, form, parts)
     assert updates_of(runner, parts, *values, None)[-1] == {"error": "No such system."}
 
 
 def test_the_button_is_free_while_figures_are_drawn_and_what_it_begins_waits(tmp_path, speech):
     figures = threading.Event()
-    services = made_services(tmp_path, {"run_request": make_generate(before_figures=figures)})
+    services = made_services(tmp_path, {"run_page_request": make_generate(before_figures=figures)})
     with gr.Blocks():
         form, parts = build_form(services), ResultParts()
     runner = GenerateRunner(services, form, parts)
@@ -132,7 +135,7 @@ def test_the_button_is_free_while_figures_are_drawn_and_what_it_begins_waits(tmp
 
 
 def test_a_run_that_finds_no_place_in_the_queue_leaves_no_line_that_it_waits(tmp_path, speech):
-    services = made_services(tmp_path, {"run_request": make_generate(error=RunError("No."))})
+    services = made_services(tmp_path, {"run_page_request": make_generate(error=RunError("No."))})
     with gr.Blocks():
         form, parts = build_form(services), ResultParts()
     runner = GenerateRunner(services, form, parts)
@@ -149,11 +152,11 @@ def test_a_run_that_finds_no_place_in_the_queue_leaves_no_line_that_it_waits(tmp
 
 def test_videos_tell_when_they_are_ready_from_the_rate_so_far():
     remaining = RemainingTime()
-    assert remaining.sentence(0.0, 10.0) == remaining.sentence(0.02, 18.0) == ""
-    assert remaining.sentence(0.1, 20.0) == "", "too early"
-    assert remaining.sentence(0.22, 28.0) == ", ready in about 40 s"  # 2 % a second
-    assert remaining.sentence(0.99, 60.0) == ", ready in about 5 s"
-    assert RemainingTime((0.0, 0.0)).sentence(0.1, 30.0) == ", ready in about 4 min"
+    assert remaining.suffix(0.0, 10.0) == remaining.suffix(0.02, 18.0) == ""
+    assert remaining.suffix(0.1, 20.0) == "", "too early"
+    assert remaining.suffix(0.22, 28.0) == ", ready in about 40 s"  # 2 % a second
+    assert remaining.suffix(0.99, 60.0) == ", ready in about 5 s"
+    assert RemainingTime((0.0, 0.0)).suffix(0.1, 30.0) == ", ready in about 4 min"
 
 
 def test_a_run_that_is_refused_or_fails_leaves_nothing_that_it_unpacked(tmp_path):
@@ -226,7 +229,7 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
     assert "foot sliding, jerk; jerk 2,400 m/s³" in html and "<b>b&lt;u&gt;</b>" in html
     assert "2,350 [2,340, 2,350]" in html and "120 [119, 121]" in html
     assert "<i>" not in html and "<u>" not in html
-    assert "Measured 2 clips of 2 sets" in last["status"]
+    assert "Measured 2 clips per set (2 sets)" in last["status"]
     assert "A &lt;note&gt;." in last["message"]["value"]
 
     (worst, _), (_, good) = last[own.sets_clip]["choices"]
@@ -292,8 +295,8 @@ def keeps(live: ByHand, weights: Path, tmp_path: Path) -> LiveRecordingRunner:
     with gr.Blocks():
         form = FormParts({}, gr.Button(), gr.Button())
         results = ResultParts("live-")
-    does = {"run_request": make_generate(), "draw_videos_in_background": make_draw()}
-    config = AppConfig(weights=weights, temp=tmp_path)
+    does = {"run_page_request": make_generate(), "draw_run_videos": make_draw()}
+    config = AppConfig(weights=weights, temp_folder=tmp_path)
     services = made_services(tmp_path, does, config=config, live=live)
     return LiveRecordingRunner(services, form, results)
 
@@ -325,7 +328,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
         asked.live_recording.motion.parent == job.folder and asked.output.out.parent == job.folder
     )
     speech, motion = load_speech(asked.speech.path), load_motion(asked.live_recording.motion)
-    assert speech.num_frames == motion.num_frames > 60
+    assert speech.num_motion_frames == motion.num_frames > 60
     for token, cookie in ((own, "yours"), ("", "mine"), (None, "mine"), ("x" * 9999, "")):
         with pytest.raises(RunError, match="no live recording"):
             keeps.make_request(Job("me", "live", job.folder, cookie), (token,))
@@ -392,7 +395,7 @@ def test_a_study_that_is_cancelled_leaves_nothing_though_its_process_writes_unti
     study = made_study(StudyRunner, tmp_path, export_from_request=export)
     clicked = study.run(browser("cookie"), *form(speech))
     next(clicked)
-    while "50%" not in str(next(clicked)):
+    while "50 %" not in str(next(clicked)):
         pass
     assert len(list(private.iterdir())) == 2
     if is_page_gone:
@@ -416,7 +419,7 @@ def test_without_a_cookie_no_study_is_made(study, speech):
 
 
 def test_the_plan_alone_is_checked_and_copies_no_upload(speech, tmp_path):
-    study = made_study(PlanRunner, tmp_path)
+    study = made_study(StudyPlanRunner, tmp_path)
     for changes, words in (({"length_s": 500.0}, "length_s"), ({"participants": 1.5}, "got 1.5")):
         with pytest.raises(gr.Error, match=words):
             list(study.run(VISITOR, *form(speech, **changes)))
@@ -484,7 +487,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     """Made elsewhere; a visitor's link comes first."""
     made = made_run(tmp_path / "elsewhere", "made elsewhere", kind="imported", jerk={"mine": 9.0})
     page = Page(tmp_path / "page")
-    own = add_owner_run(page.runs, made.folder, tmp_path / "opened", SharedFolders())
+    own = add_host_run(page.runs, made.folder, tmp_path / "opened", SharedFolders())
     page.opening.services = replace(page.opening.services, opened_run_tokens=(own,))
     updates = page.opened("of anybody")
     assert [row["name"] for row in updates[page.own.player]["rows"]] == ["mine"]
@@ -495,7 +498,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     assert page.own.player not in page.opened("mine", mine.token)
     (tmp_path / "empty").mkdir()
     with pytest.raises(RunError, match=r"run\.json is missing"):
-        add_owner_run(page.runs, tmp_path / "empty", tmp_path / "none", SharedFolders())
+        add_host_run(page.runs, tmp_path / "empty", tmp_path / "none", SharedFolders())
 
 
 def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp_path):
@@ -504,7 +507,7 @@ def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp
         made_run(job, f"{clip}: local", jerk={"local": 10.0 + 2 * number}, out=f"results/{clip}")
     (job / "results/summary.md").touch()
     page = Page(tmp_path / "page")
-    token = add_owner_run(page.runs, job / "results", tmp_path / "opened", SharedFolders())
+    token = add_host_run(page.runs, job / "results", tmp_path / "opened", SharedFolders())
     first = page.runs.find(token)
     assert first is not None and list(first.clips) == ["a", "b"]
     second = first.clips["b"]
@@ -561,7 +564,7 @@ class Tab:
     def __init__(self, folder: Path, draw: Any) -> None:
         with gr.Blocks():
             self.parts: ResultParts = ResultParts()
-        services = fakes.made_services(folder, {"draw_videos_in_background": draw})
+        services = fakes.made_services(folder, {"draw_run_videos": draw})
         self.jobs, self.kept = services.jobs, services.saved_runs
         self.videos = BackgroundVideos(services, self.parts, "generate")
         self.run = keep(self.kept, folder / "run", "cookie", jerk=dict.fromkeys(NAMES, 100.0))
@@ -576,20 +579,22 @@ class Tab:
 def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_path):
     first, second = threading.Event(), threading.Event()
     tab = Tab(tmp_path, fakes.make_draw(lambda number: (first, second)[number], seconds=0.2))
-    assert "lacks 3 of 3 videos, which are not rendered yet" in tab.run.downloads_html(tab.run.view)
+    assert "3 of 3 videos are not rendered yet" in tab.run.downloads_html(tab.run.view)
     first.set()
     updates = tab.updates()
     told = [next(updates)]
-    wait_for(lambda: len(tab.run.record.missing) == 2)
+    wait_for(lambda: len(tab.run.record.pending_videos) == 2)
     packed = zip_run(tab.run.folder, tmp_path / "meanwhile.zip")
     with zipfile.ZipFile(packed) as archive:
-        lacks = json.loads(archive.read(RUN))["missing"]
+        lacks = json.loads(archive.read(RUN))["pending_videos"]
         assert lacks == ["globaldiff-global.mp4", "comparison.mp4"]
         assert "globaldiff-local.mp4" in archive.namelist() and not {*lacks} & {*archive.namelist()}
-    assert "lacks 2 of 3 videos" in tab.run.downloads_html(tab.run.view)
+    assert "2 of 3 videos are not rendered yet" in tab.run.downloads_html(tab.run.view)
     second.set()
     told += updates
-    assert "lacks" not in told[-1][tab.parts.downloads]["value"] and not tab.run.record.missing
+    assert (
+        "lacks" not in told[-1][tab.parts.downloads]["value"] and not tab.run.record.pending_videos
+    )
     assert text.VIDEOS_DONE in told[-1][tab.parts.status] and "Done." in told[-1][tab.parts.status]
     names = ["globaldiff-local.mp4", "globaldiff-global.mp4", "comparison.mp4"]
     listed = saved(told[-1][tab.parts.downloads])

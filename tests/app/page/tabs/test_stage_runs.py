@@ -14,7 +14,7 @@ from app.page.tabs.stage import EditMessage, EditRunner, ViewerVideoRunner
 from app.page.visitors.job_folders import Job
 from app.run.callbacks import FolderUpdated, RunCallbacks, StageProgress
 from app.run.display import Display, ViewerState
-from app.run.output.run_folder import EditInfo, edit_record, read_run
+from app.run.output.run_folder import EditInfo, locked_record, read_run
 from app.run.plan_edits.edits import EditResult, PlanEditRequest, parse_edits
 from app.run.requests.requests import ViewerVideoRequest
 from app.run.run_writer import open_run_writer
@@ -38,7 +38,7 @@ def told(**changes: Any) -> dict[str, Any]:
     """As app/page/web/player/player.js writes it."""
     return {
         "bodies": [
-            {"label": label, "motion": f"media/{name}", "color": "#d55e00"}
+            {"label": label, "motionUrl": f"media/{name}", "color": "#d55e00"}
             for label, name in (("local", "a"), ("full", "b"))
         ],
         "shown": [1],
@@ -46,23 +46,28 @@ def told(**changes: Any) -> dict[str, Any]:
         "mode": "grid",
         "wipe": 0.5,
         "isSmoothed": True,
-        "size": [240, 420],
+        "pictureSize": [240, 420],
         "panels": [[{"view": None, "rect": [0, 0, 240, 300]}]],
-        "look": LOOK,
+        "settings": LOOK,
         "camera": [0.5, 0.2, 1.5, 0, -0.1],
-        "sound": "media/c",
+        "soundUrl": "media/c",
         **changes,
     }
 
 
 def test_everything_that_is_seen_is_read():
     seen = ViewerState.parse(json.dumps(told()))
-    found = [(body.label, body.motion) for body in seen.bodies]
-    assert found == [("local", "media/a"), ("full", "media/b")] and seen.sound == "media/c"
-    assert (seen.visible, seen.columns, seen.mode, seen.size) == ((1,), 2, "grid", (240, 420))
-    assert seen.is_smoothed and seen.look.is_whole and not seen.look.is_aligned
-    assert seen.look.display == Display(6.5, True, "jerk", 4.0, 60, 300.0)
-    assert seen.look.point == "left_index" and seen.camera == (0.5, 0.2, 1.5, 0.0, -0.1)
+    found = [(body.label, body.motion_url) for body in seen.bodies]
+    assert found == [("local", "media/a"), ("full", "media/b")] and seen.sound_url == "media/c"
+    assert (seen.visible, seen.columns, seen.mode, seen.picture_size) == (
+        (1,),
+        2,
+        "grid",
+        (240, 420),
+    )
+    assert seen.is_smoothed and seen.settings.shows_whole_body and not seen.settings.is_pair_aligned
+    assert seen.settings.display == Display(6.5, True, "jerk", 4.0, 60, 300.0)
+    assert seen.settings.tracked_point == "left_index" and seen.camera == (0.5, 0.2, 1.5, 0.0, -0.1)
     assert [(panel.view, *panel.rect) for panel in seen.panels[0]] == [(None, 0, 0, 240, 300)]
 
 
@@ -70,15 +75,16 @@ def test_everything_that_is_seen_is_read():
     "value",
     [
         None, 7, "", "nonsense", "[]", "null", "[" * 5000, "x" * 100_000,
-        told(size=[240]), told(size=[240, "420"]), told(size=[240, float("nan")]), told(panels=3),
+        told(pictureSize=[240]), told(pictureSize=[240, "420"]), told(panels=3),
+        told(pictureSize=[240, float("nan")]),
         told(camera=[0, 0, 1]), told(camera=None), told(shown=[0.5]), told(shown=[True]),
-        told(shown="0"), told(look={**LOOK, "hasHeat": 1}), told(look=None),
+        told(shown="0"), told(settings={**LOOK, "hasHeat": 1}), told(settings=None),
         told(bodies={"a": 1}), told(bodies=[3]),
-        told(bodies=[{"label": 3, "motion": "media/a", "color": "#d55e00"}]),
-        told(bodies=[{"label": "", "motion": "media/a", "color": "#d55e0'"}]),
+        told(bodies=[{"label": 3, "motionUrl": "media/a", "color": "#d55e00"}]),
+        told(bodies=[{"label": "", "motionUrl": "media/a", "color": "#d55e0'"}]),
         told(bodies=70 * told()["bodies"]),
-        told(mode=["grid"]), told(wipe="left"), told(columns=1e400), told(sound=["x"]),
-        told(panels=[[{"view": "body", "rect": [0, 0, 1]}]]), {"look": LOOK},
+        told(mode=["grid"]), told(wipe="left"), told(columns=1e400), told(soundUrl=["x"]),
+        told(panels=[[{"view": "body", "rect": [0, 0, 1]}]]), {"settings": LOOK},
     ],
     ids=lambda value: "",
 )  # fmt: skip
@@ -100,9 +106,9 @@ class Stage:
         for path in self.files.values():
             path.write_bytes(b"")
         a, b, c = map(self.media.share(folder, COOKIE), self.files.values())
-        self.asked = told(sound=c)
+        self.asked = told(soundUrl=c)
         for body, address in zip(self.asked["bodies"], (a, b), strict=True):
-            body["motion"] = address
+            body["motionUrl"] = address
 
     def press(self, cookie: str = COOKIE) -> list[dict[Any, Any]]:
         return list(self.runner.run(browser(cookie), json.dumps(self.asked)))
@@ -128,7 +134,7 @@ def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path):
     seen = [each[stage.parts.viewer_video] for each in updates]
     lines = [each["value"] for each in seen if each != gr.skip()]
     assert text.VIEWER_VIDEO_STARTING in lines[0]
-    assert any("43%" in line and 'value="0.430"' in line for line in lines)
+    assert any("43 %" in line and 'value="0.430"' in line for line in lines)
     assert "one body, 10.0 s, 2.1 MB. It is cut." in lines[-1]
     assert 'download="stage.mp4"' in lines[-1]
     address = lines[-1].split('href="')[1].split('"')[0]
@@ -142,14 +148,14 @@ def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path):
 
 def test_a_path_is_no_address_and_files_of_another_browser_or_kind_are_not_taken(tmp_path):
     stage = Stage(tmp_path, draw)
-    good = stage.asked["bodies"][0]["motion"]
+    good = stage.asked["bodies"][0]["motionUrl"]
     paths = ("", "media/", "media/../jobs", "/etc/passwd", "media/%2e%2e/b.npz", "file:///etc/a")
     for cookie, motion, sound in (
-        *((COOKIE, path, stage.asked["sound"]) for path in paths),
-        ("another browser", good, stage.asked["sound"]),
+        *((COOKIE, path, stage.asked["soundUrl"]) for path in paths),
+        ("another browser", good, stage.asked["soundUrl"]),
         (COOKIE, good, good),
     ):
-        stage.asked["bodies"][0]["motion"], stage.asked["sound"] = motion, sound
+        stage.asked["bodies"][0]["motionUrl"], stage.asked["soundUrl"] = motion, sound
         with pytest.raises(gr.Error, match="has expired"):
             stage.press(cookie)
         assert not stage.jobs.in_use()
@@ -181,7 +187,7 @@ NOD = {"do": "nod", "at": 1.0}
 
 def make(request: PlanEditRequest, callbacks: RunCallbacks) -> EditResult:
     number = 0
-    with edit_record(request.run) as record:
+    with locked_record(request.run) as record:
         start = record.row(request.source_row)
         if start is None:
             raise RunError(text.EDITS_GONE)
@@ -189,14 +195,17 @@ def make(request: PlanEditRequest, callbacks: RunCallbacks) -> EditResult:
         if request.edits:
             number = len(record.rows)
             take = EditInfo(
-                number=number, original_row=ROW, parent_row=start.name, regenerated_s=[(0.5, 1.0)]
+                take_number=number,
+                original_row=ROW,
+                parent_row=start.name,
+                regenerated_s=[(0.5, 1.0)],
             )
             row.name, row.label, row.edit = f"{ROW}.take{number}", f"version {number}", take
             row.files.pop("editor", None)
             record.set_row(row)
     if number:
         callbacks.on_event(FolderUpdated(request.run))
-    with edit_record(request.run) as record:
+    with locked_record(request.run) as record:
         row.files["editor"] = "told.json"
         (request.run / "told.json").write_text("{}")
         record.set_row(row)
@@ -221,7 +230,7 @@ class Editor:
 
     def ask(self, *edits: Any, start: str = ROW, cookie: str = COOKIE) -> dict[str, Any]:
         """What the player shows in the end."""
-        asked = {"run": "run", "start": start, "edits": list(edits)}
+        asked = {"run": "run", "source_row": start, "edits": list(edits)}
         *_, last = self.runner.run(browser(cookie), json.dumps(asked))
         return last[self.parts.player]
 
@@ -238,15 +247,16 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     assert rows(last) == [ROW, f"{ROW}.take1"]
     take = last["rows"][1]
     assert (take["label"], take["take_number"], take["original_row"]) == ("version 1", 1, ROW)
-    assert take["noise"] == last["rows"][0]["noise"] and take["available"]["num_ready"] == 8
+    assert take["noise_key"] == last["rows"][0]["noise_key"]
+    assert take["frames_available"]["num_ready"] == 8
     editing = last["editing"]
     assert editing["message"] == f"{text.TAKE_DONE.format(number=1)} It was mended."
-    assert editing["editable"][f"{ROW}.take1"]["from"] == ROW and not editing["state"]
+    assert editing["editable"][f"{ROW}.take1"]["from"] == ROW and not editing["is_working"]
     again = editor.ask(NOD, start=f"{ROW}.take1")
     assert again["editing"]["editable"][f"{ROW}.take2"]["from"] == f"{ROW}.take1"
     other = editor.view.for_browser(str).player_value()
     assert rows(other) == rows(again) and "editing" not in other, "whoever has the link sees them"
-    with edit_record(editor.view.folder) as record:  # as where its page was closed meanwhile
+    with locked_record(editor.view.folder) as record:  # as where its page was closed meanwhile
         record.rows[-1].files.pop("editor")
     assert rows(editor.ask(NOD)) == rows(again)
 
@@ -254,16 +264,16 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
 def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
     def fails(request: PlanEditRequest, callbacks: RunCallbacks) -> EditResult:
         made = make(request, callbacks)
-        with edit_record(request.run) as record:  # as where its process is killed
+        with locked_record(request.run) as record:  # as where its process is killed
             record.rows[-1].files.pop("editor")
-        raise PlanError(f"The hand has no time for {made.number}.")
+        raise PlanError(f"The hand has no time for {made.take_number}.")
 
     editor = Editor(tmp_path, fails)
     last = editor.ask(NOD)
     editing = last["editing"]
     assert rows(last) == [ROW] and not editing["editable"]
-    said = (editing["message"], editing["is_refused"], editing["state"])
-    assert said == ("The hand has no time for 1.", True, "")
+    said = (editing["message"], editing["is_refused"], editing["is_working"])
+    assert said == ("The hand has no time for 1.", True, False)
     wrong = editor.ask({"do": "nod", "at": "now"})["editing"]
     assert wrong["is_refused"] and "input should be a valid number" in wrong["message"]
     unknown = editor.ask(NOD, start="gan/20")["editing"]
@@ -280,7 +290,7 @@ def test_nobody_reaches_the_run_of_another(tmp_path):
 
 
 def edits(**changes: Any) -> str:
-    return json.dumps({"run": "run", "start": ROW, "edits": [], **changes})
+    return json.dumps({"run": "run", "source_row": ROW, "edits": [], **changes})
 
 
 @pytest.mark.parametrize(

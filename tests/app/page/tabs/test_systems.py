@@ -11,13 +11,13 @@ from app.page.tabs.systems import (
     NOT_HERE,
     RotationNoiseRunner,
     SpeechEffectRunner,
-    StepCurveRunner,
+    StepSweepRunner,
     ablations_html,
 )
 from app.run.callbacks import FolderUpdated, RunCallbacks, StageProgress
 from app.run.examples import FIRST_MOTION
 from app.run.experiments.rotation_noise import NOISY_MOTION_NAMES, compare_rotation_noise
-from app.run.output.run_folder import RunRecord, edit_record
+from app.run.output.run_folder import RunRecord, locked_record
 from app.run.requests.requests import WITHOUT_NOISE, RotationNoiseRequest
 from app.run.run_writer import open_run_writer
 from model.systems.globaldiff.config import ABLATION, PRIORFLOW, SYSTEMS
@@ -47,10 +47,10 @@ class Measured:
     def measure(self, request: Any, callbacks: RunCallbacks) -> None:
         self.asked.append(request)
         callbacks.on_event(StageProgress("numbers", 0.5))
-        record = RunRecord(kind="generated", point="right_middle")
+        record = RunRecord(kind="generated", tracked_point="right_middle")
         with open_run_writer(request.output.out, record) as run:
             run.add_notes("<b> hears.")
-            figure = run.folder.path("steps.png")
+            figure = run.folder.new_path("steps.png")
             figure.write_bytes(b"0")
             run.add_files(figure)
             run.finish("Measured it.")
@@ -60,9 +60,9 @@ class Measured:
 
 
 def test_the_plot_of_what_steps_buy_is_shown(tmp_path):
-    part = Measured(tmp_path, StepCurveRunner)
+    part = Measured(tmp_path, StepSweepRunner)
     updates = part.click(["gan/5"], "/up/s.wav")
-    assert any("50%" in str(update.get("status")) for update in updates)
+    assert any("50 %" in str(update.get("status")) for update in updates)
     assert "Measured it." in updates[-1]["status"]
     assert "<li>&lt;b&gt; hears.</li>" in updates[-1]["message"]["value"]
     assert updates[-1]["figure"]["visible"] and "<img" in updates[-1]["figure"]["value"]
@@ -76,18 +76,18 @@ def test_two_speeches_are_compared_examples_where_one_is_missing(tmp_path):
     part.click(["gan/5"], None, None, "", False)
     part.click(["gan/5"], None, "/up/a.wav", 1.0, True)
     first, second = part.asked
-    assert first.speeches == EXAMPLES[:2] and first.seeds == 2
+    assert first.inputs == EXAMPLES[:2] and first.num_seeds == 2
     assert (first.guidance, first.speakers) == (None, None)
-    assert second.speeches == (Path("/up/a.wav"), EXAMPLES[1]), "another than the one of its name"
+    assert second.inputs == (Path("/up/a.wav"), EXAMPLES[1]), "another than the one of its name"
     assert (second.guidance, second.speakers) == (1.0, ("hana", "june"))
 
 
 @pytest.mark.parametrize(
     ("kind", "values", "words", "examples"),
     [
-        (StepCurveRunner, ([], "/up/s.wav"), "Select at least one system to measure.", EXAMPLES),
-        (StepCurveRunner, (["gan/5"], None), "no examples", ()),
-        (StepCurveRunner, (list("abcdefg"), None), "One to 6 systems", EXAMPLES),
+        (StepSweepRunner, ([], "/up/s.wav"), "Select at least one system to measure.", EXAMPLES),
+        (StepSweepRunner, (["gan/5"], None), "no examples", ()),
+        (StepSweepRunner, (list("abcdefg"), None), "One to 6 systems", EXAMPLES),
         (SpeechEffectRunner, ([], None, None, "", False), "Select at least one system", EXAMPLES),
         (SpeechEffectRunner, (["gan/5"], None, None, "", False), "fewer than two", ()),
         (
@@ -120,7 +120,7 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
         )
         callbacks.on_event(FolderUpdated(request.output.out))
         callbacks.on_event(StageProgress("numbers", 0.5))
-        with edit_record(request.output.out) as record:
+        with locked_record(request.output.out) as record:
             record.notes, record.message = ["Moved by <1> cm."], "Noise of 0.05 rad."
 
     *_, last = shown(show, tmp_path, 0.05, None)
@@ -129,11 +129,13 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
     assert one.output.is_incremental and not one.has_video
     rows = last["player"]["rows"]
     # The browser adds the noise, so that the slider acts at once, on a motion of one's own too.
-    assert [row["space"] for row in rows] == ["local", "global"]
+    assert [row["noise_space"] for row in rows] == ["local", "global"]
     assert (
         len({row["frames"] for row in rows}) == 1 and WITHOUT_NOISE.split()[0] in rows[0]["frames"]
     )
-    assert last["player"]["noise"]["rad"] == 0.05 and not last["player"]["noise"]["has_slider"]
+    assert (
+        last["player"]["noise"]["initial_rad"] == 0.05 and not last["player"]["noise"]["has_slider"]
+    )
     assert last["player"]["is_example"] and last["player"]["audio"] and last["player"]["timeline"]
     assert "Moved by &lt;1&gt; cm." in last["message"]["value"]
     assert "Noise of 0.05 rad" in last["status"]

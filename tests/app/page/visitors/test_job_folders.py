@@ -19,7 +19,7 @@ from app import text
 from app.page.visitors import uploads
 from app.page.visitors.job_folders import claim_folder, start_sweeper, sweep
 from app.page.visitors.uploads import MAX_FILES
-from app.page.visitors.visitors import address_of
+from app.page.visitors.visitors import client_network_of
 from tests.app.page.conftest import UPLOAD
 from tests.helpers import ROOT
 from tests.waiting import wait_for
@@ -116,7 +116,7 @@ def test_what_a_killed_process_left_is_removed_by_the_next_and_not_before(tmp_pa
 )
 def test_who_has_a_network_is_one_address_and_within_the_program_there_is_none(host, address):
     client = None if host is None else SimpleNamespace(host=host)
-    assert address_of(SimpleNamespace(client=client)) == address  # type: ignore[arg-type]
+    assert client_network_of(SimpleNamespace(client=client)) == address  # type: ignore[arg-type]
 
 
 # On the real page, each test from an address of its own.
@@ -197,7 +197,7 @@ def test_a_long_field_that_is_no_file_is_refused(served):
         form = {"data": {"a": "x" * length}, "files": {"files": ("a.wav", b"sound")}}
         answer = served.visitor().post("/gradio_api/upload", **form)
         assert answer.status_code == status
-    assert "larger than 65536 bytes" in answer.text
+    assert "larger than the limit of 65536 bytes" in answer.text
 
 
 def test_a_full_disk_is_said_and_leaves_nothing(served, monkeypatch):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.batch.archives import UnpackLimits, unpack_archive
+from app.run.batch.archives import UnpackBudget, unpack_archive
 
 NPZ = (".npz",)
 
@@ -104,19 +104,19 @@ def test_limits_hold_before_a_byte_is_unpacked_and_for_all_archives_together(
     path = _packed(tmp_path / name, **{"a.npz": zeros, "b.npz": zeros})
     assert path.stat().st_size < 20_000
     for limits, said in (
-        (UnpackLimits(max_file_bytes=2**20), r"'a.npz' of 3 MiB; the limit for a file is 1 MiB"),
-        (UnpackLimits(max_files=10, max_total_bytes=5 * 2**20), r"extract to"),
-        (UnpackLimits(max_files=1), r"the limit is 1"),
+        (UnpackBudget(max_file_bytes=2**20), r"'a.npz' in .* has 3 MiB; the limit for a file is 1"),
+        (UnpackBudget(max_files=10, max_total_bytes=5 * 2**20), r"Split the archive"),
+        (UnpackBudget(max_files=1), r"the limit is 1"),
     ):
         with pytest.raises(RunError, match=said):
             unpack_archive(path, folder, NPZ, limits)
     assert not _all_below(folder)
     unread = _packed(tmp_path / "unread.tar.gz", **{"a.txt": zeros, "b.npz": b"b"})
-    with pytest.raises(RunError, match="would extract to over 1 MiB"):
-        unpack_archive(unread, folder, NPZ, UnpackLimits(max_files=10, max_total_bytes=2**20))
+    with pytest.raises(RunError, match="exceed the limit of 1 MiB in total"):
+        unpack_archive(unread, folder, NPZ, UnpackBudget(max_files=10, max_total_bytes=2**20))
     within = _zip(tmp_path / "within.zip", (name, path.read_bytes()), ("c.npz", zeros))
-    with pytest.raises(RunError, match=rf"{name} would extract to"):
-        unpack_archive(within, folder, NPZ, UnpackLimits(max_files=10, max_total_bytes=8 * 2**20))
+    with pytest.raises(RunError, match=rf"files in {name} (have|exceed)"):
+        unpack_archive(within, folder, NPZ, UnpackBudget(max_files=10, max_total_bytes=8 * 2**20))
 
 
 @pytest.mark.parametrize("comment", [b"", b"a comment"])
@@ -127,8 +127,8 @@ def test_a_list_of_too_many_files_is_not_even_read(comment, folder, tmp_path, mo
         for place in range(100):
             archive.writestr(f"{place:0100}.npz", b"")
     monkeypatch.setattr("zipfile.ZipInfo", None)  # of an entry that is read
-    with pytest.raises(RunError, match="more than 10 files"):
-        unpack_archive(path, folder, NPZ, UnpackLimits(max_files=10))
+    with pytest.raises(RunError, match="the limit is 10"):
+        unpack_archive(path, folder, NPZ, UnpackBudget(max_files=10))
 
 
 def test_a_file_of_another_size_than_it_says_is_refused(folder: Path, tmp_path: Path):

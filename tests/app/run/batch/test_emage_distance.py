@@ -113,7 +113,7 @@ def _asked(top: Path, weights: Path) -> AnyRun:
 
 @pytest.mark.usefixtures("few_draws")
 def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
-    monkeypatch.setattr("app.run.batch.frechet_distances.min_num_codes", lambda numbers: 8)
+    monkeypatch.setattr("app.run.batch.frechet_distances.min_num_codes", lambda num_dims: 8)
     _save_sets(tmp_path)
     request = _asked(tmp_path, weights)
     diagnose_folders(request)
@@ -127,7 +127,7 @@ def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
     before = kept.stat().st_mtime_ns
     (request.output.out / "clips" / "a.codes.npz").unlink()
     again = diagnose_folders(replace_fields(request, motions=request.motions.motions[::-1]))
-    assert any("1 clips had already been measured" in note for note in again.notes)
+    assert any("1 clip had already been measured" in note for note in again.notes)
     assert kept.stat().st_mtime_ns == before
     swapped = {row["system"]: row["mean"] for row in _rows(request.output.out) if row["mean"]}
     assert swapped == means

@@ -11,13 +11,13 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.findings.metric_table import format_value
+from app.findings.metric_table import format_three_digits
 from app.run.batch.leaderboard import (
     LeaderboardEntry,
     MetricValue,
+    entries_from_results,
     leaderboard_html,
     merge_entries,
-    read_entries,
     read_leaderboard,
     write_leaderboard,
 )
@@ -53,15 +53,15 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_same_clips_measured_again_are_the_same_test(measured: Path) -> None:
-    board = read_entries(measured / "both", "a note")
+    board = entries_from_results(measured / "both", "a note")
     assert [each.system for each in board] == ["calm", "other", "reference"]
-    assert len({each.test for each in board}) == 1 and board[2].note == ""
-    assert board[0].measures["joint_jerk_m_s3"].clips == 2
-    again = read_entries(measured / "one")
+    assert len({each.test_id for each in board}) == 1 and board[2].note == ""
+    assert board[0].measures["joint_jerk_m_s3"].num_clips == 2
+    again = entries_from_results(measured / "one")
     put = merge_entries([board, again])
     notes = [("calm", "a note"), ("other", "a note"), ("reference", "")]
     assert [(one.system, one.note) for one in put] == notes
-    chosen = read_entries(measured / "both", names=["other"])
+    chosen = entries_from_results(measured / "both", systems=["other"])
     assert [one.system for one in chosen] == ["other", "reference"]
 
 
@@ -71,19 +71,19 @@ def test_another_recorded_clip_is_another_test(measured: Path, tmp_path: Path) -
         save_motion(smooth_motion_example(70, seed=clip), tmp_path / "recorded" / f"clip{clip}.npz")
     motions, reference = (measured / "calm",), tmp_path / "recorded"
     diagnose_folders(diagnose_request(motions=motions, out=tmp_path / "out", reference=reference))
-    (calm, _) = read_entries(tmp_path / "out")
-    (known, *_) = read_entries(measured / "one")
-    assert calm.test != known.test and calm.files == known.files
+    (calm, _) = entries_from_results(tmp_path / "out")
+    (known, *_) = entries_from_results(measured / "one")
+    assert calm.test_id != known.test_id and calm.files_digest == known.files_digest
 
 
 def test_the_latest_measurement_wins_and_a_note_stays() -> None:
-    old, new = entry(), entry(measured_at="2026-02-01T00:00:00+00:00", note="", clips=3)
+    old, new = entry(), entry(measured_at="2026-02-01T00:00:00+00:00", note="", num_clips=3)
     assert (
         merge_entries([[new], [old]])
         == merge_entries([[old], [new]])
         == [replace(new, note="first")]
     )
-    other = entry(files="e" * 64)
+    other = entry(files_digest="e" * 64)
     assert len(merge_entries([[old, other]])) == 2
 
 
@@ -113,17 +113,17 @@ def test_a_board_comes_back_as_it_was_and_what_is_none_is_refused(tmp_path: Path
 def test_results_without_a_recorded_set_are_refused(measured: Path, tmp_path: Path) -> None:
     diagnose_folders(diagnose_request(motions=(measured / "calm",), out=tmp_path / "alone"))
     with pytest.raises(RunError, match="without a recorded set"):
-        read_entries(tmp_path / "alone")
+        entries_from_results(tmp_path / "alone")
     with pytest.raises(RunError, match=r"no system 'nobody'; it has calm"):
-        read_entries(measured / "one", names=["nobody"])
+        entries_from_results(measured / "one", systems=["nobody"])
     with pytest.raises(RunError, match="could not be read"):
-        read_entries(tmp_path)
+        entries_from_results(tmp_path)
 
 
 def test_results_with_their_former_name_are_read(measured: Path, tmp_path: Path) -> None:
     shutil.copy(measured / "one" / "batch.json", tmp_path / "many.json")
-    assert [each.key for each in read_entries(tmp_path)] == [
-        each.key for each in read_entries(measured / "one")
+    assert [each.key for each in entries_from_results(tmp_path)] == [
+        each.key for each in entries_from_results(measured / "one")
     ]
 
 
@@ -142,7 +142,7 @@ def test_results_of_another_version_are_refused_with_a_sentence(measured, tmp_pa
     ):
         (tmp_path / "batch.json").write_text(json.dumps(told))
         try:
-            read_entries(tmp_path)
+            entries_from_results(tmp_path)
         except RunError as error:
             assert "another version of this program; measure the set again" in str(error)
         else:
@@ -198,4 +198,4 @@ def test_errors_are_nearer_to_recorded_motion_the_smaller_they_are() -> None:
 def test_a_clip_without_jerk_to_compare_is_told_without_it() -> None:
     """Not as 0 m/s³, which nobody measured."""
     (clip,) = worst_clips({"a": [("one", {"numbers": {}, "findings": ["pops"]})]})
-    assert clip["jerk"] is None and format_value(clip["jerk"]) == "n/a"
+    assert clip["jerk"] is None and format_three_digits(clip["jerk"]) == "n/a"

@@ -26,7 +26,7 @@ from conventions.rates import SAMPLE_RATE
 from model.evaluation.frechet import Features, frechet_with_interval, motion_features
 from model.formats.read import read_any_motion
 from model.motion.motion import save_motion
-from model.networks.autoencoder import load_encoder
+from model.networks.autoencoder import load_motion_encoder
 from model.speech.audio import write_wav
 from model.storage.cards import BUNDLED_WEIGHTS
 from tests.app.requests import diagnose_request
@@ -60,8 +60,8 @@ def asked(folders: Path, out: Path) -> AnyRun:
 def measured(folders: Path) -> Path:
     shares: list[float] = []
     result = diagnose_folders(asked(folders, folders / "measured"), shares.append)
-    assert tuple(result.summary["clips"]) == CLIPS and shares[-1] == 1.0
-    assert any("1 of 4 clips are missing in another set" in note for note in result.notes)
+    assert tuple(result.batch_json["clips"]) == CLIPS and shares[-1] == 1.0
+    assert any("1 of 4 clips are missing from another set" in note for note in result.notes)
     return folders / "measured"
 
 
@@ -113,7 +113,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
 
 def test_the_distance_of_sets_is_that_of_all_their_codes(folders: Path, measured: Path):
     rows = [row for row in csv_rows(measured / "batch.csv") if row["measure"] == FGD]
-    encoder = load_encoder(BUNDLED_WEIGHTS, "fgd-encoder")
+    encoder = load_motion_encoder(BUNDLED_WEIGHTS, "fgd-encoder")
 
     def codes(name: str) -> list[Features]:
         paths = [folders / name / f"{clip}.npz" for clip in CLIPS]
@@ -211,7 +211,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
     (theirs / ".cache" / "res_c.npz").write_bytes(b"no motion")
     top, out = tmp_path / "emage", tmp_path / "out"
     result = diagnose_folders(diagnose_request(motions=(top,), out=out, reference=top))
-    assert tuple(result.summary["clips"]) == CLIPS[:2]
+    assert tuple(result.batch_json["clips"]) == CLIPS[:2]
     told = json.loads((out / "batch.json").read_text())["measures"]
     assert {row["system"] for row in told} == {"emage", "reference"}
     for clip in CLIPS[:2]:
@@ -223,7 +223,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
     (theirs / "again").mkdir()
     (theirs / "again" / "res_a.npz").write_bytes((theirs / "res_a.npz").read_bytes())
     result = diagnose_folders(diagnose_request(motions=(top,), out=tmp_path / "two", reference=top))
-    assert result.summary["clips"] == ["epoch_400/a", "epoch_400/b"]
+    assert result.batch_json["clips"] == ["epoch_400/a", "epoch_400/b"]
 
 
 def test_an_interval_holds_the_mean():

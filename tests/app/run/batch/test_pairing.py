@@ -99,7 +99,7 @@ def rows_of(out: Path) -> dict[tuple[str, str], dict[str, str]]:
 
 def test_samples_are_averaged_first_and_their_spread_is_told(made: Path, tmp_path: Path):
     found = diagnose_folders(asked(made, tmp_path / "both"))
-    assert "mine has 2 samples of each clip; their metrics are averaged first." in found.notes
+    assert "mine has 2 samples of each clip; their metrics are averaged." in found.notes
     both = rows_of(tmp_path / "both")
     parts = []
     for sample in (0, 1):
@@ -136,8 +136,8 @@ def test_a_bad_clip_costs_itself_only(made: Path, tmp_path: Path):
     for broken in ("b_sample0", "b_sample1", "c_sample0"):
         (mine / f"{broken}.npz").write_bytes(b"no motion")
     found = diagnose_folders(asked(made, tmp_path / "out", mine))
-    (left_out,) = found.summary["left_out"].values()
-    assert found.summary["clips"] == ["a", "c"] and "b_sample" in left_out
+    (left_out,) = found.batch_json["left_out"].values()
+    assert found.batch_json["clips"] == ["a", "c"] and "b_sample" in left_out
     assert any("c_sample0.npz" in note for note in found.notes)
     rows = rows_of(tmp_path / "out")
     assert rows["b", ""]["left out because"] == left_out
@@ -215,9 +215,9 @@ def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
     ]
     assert bad.missing_and_extra == [f"Missing: {clips[2]}", "Extra: 2_scott_0_9_9"]
     for words in (
-        f"{clips[1]} have fewer samples than other clips, which have 3",
+        f"clips with fewer than 3 samples: {clips[1]}",
         "3 samples per clip; a probabilistic system must submit 5",
-        f"{clips[0]}_sample0.npz: it has 15 frames, but the recording has 20",
+        f"{clips[0]}_sample0.npz: 15 frames, but the recording has 20",
         f"{clips[0]}_sample2.npz: it is identical to {clips[0]}_sample0.npz",
         f"{clips[1]}_sample0.npz: it lacks trans",
     ):

@@ -12,7 +12,7 @@ from torch import nn
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.run.batch.leaderboard import leaderboard_html, read_entries
+from app.run.batch.leaderboard import entries_from_results, leaderboard_html
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import MetricOptions, parse_expected
@@ -145,7 +145,7 @@ def test_values_of_different_protocols_are_in_different_rows_of_tables(results: 
     assert "BeatAlign (0 to 1) · beats/workbench-emage |" in sheet
     for name in ("beats/emage", "beats/evaltools", "beats/raggesture"):
         assert f"| {name}/beat_align (0 to 1) |" in sheet
-    lively, calm, *_ = read_entries(results.output.out)
+    lively, calm, *_ = entries_from_results(results.output.out)
     other = {key: replace(each, protocol="x/y") for key, each in calm.measures.items()}
     page = leaderboard_html([lively, replace(calm, measures=other)])
     assert page.count("Slide on the ground <small>cm/s</small>") <= 1
@@ -156,9 +156,7 @@ def test_values_of_different_protocols_are_in_different_rows_of_tables(results: 
 
 def _rule_rows(out: Path) -> dict[tuple[str, str, str], list[str]]:
     """Read cells of the table of rules, by metric, system and rule."""
-    _, told = (
-        (out / "summary.md").read_text().split("The same motion measured by different protocols")
-    )
+    _, told = (out / "summary.md").read_text().split("The table shows how much the protocol alone")
     cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in told.splitlines()[2:]]
     return {(row[0], row[1], row[2]): row[3:] for row in cells if len(row) == 6}
 
@@ -226,8 +224,8 @@ def test_sums_are_kept_and_measured_again_if_values_are_expected(results: AnyRun
 
 def test_unknown_expected_values_are_refused(tmp_path: Path, capsys):
     for text, told in (
-        ("fgd", "numbers by metric, such as fgd=4.2; got 'fgd'"),
-        ("fgd=x", "numbers by metric, such as fgd=4.2; got 'fgd=x'"),
+        ("fgd", "must be METRIC=NUMBER, such as fgd=4.2; got 'fgd'"),
+        ("fgd=x", "must be METRIC=NUMBER, such as fgd=4.2; got 'fgd=x'"),
         ("dy=1", "no metric"),
     ):
         with pytest.raises(RunError, match=told):
@@ -272,7 +270,9 @@ def test_distances_by_encoders_of_genea_are_protocols_of_their_own(
     }
     assert rows == {"fgd_genea_30": "fgd/genea-30"}
     notes = " ".join(diagnose_folders(results).notes)
-    assert all(f"GENEA's encoder of {length} frames was not" in notes for length in (60, 90))
+    assert all(
+        f"GENEA's encoder for {length}-frame windows was not" in notes for length in (60, 90)
+    )
     encoders = json.loads((out / "batch.json").read_text())["provenance"]["encoders"]
     assert len(set(encoders.values())) == len(encoders) == 4
     told = _rule_rows(out)

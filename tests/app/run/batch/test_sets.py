@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.batch.motion_sets import diagnose_folders, measure_sets
+from app.run.batch.motion_sets import diagnose_folders, measure_uploaded_sets
 from app.run.requests.convert import replace_fields
 from conventions.rates import SAMPLE_RATE
 from model.motion.motion import save_motion
@@ -50,7 +50,7 @@ def zipped(folder: Path, out: Path, **more: bytes) -> Path:
 
 def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
     callbacks = RecordedCallbacks()
-    found = measure_sets(
+    found = measure_uploaded_sets(
         diagnose_request(
             motions=(zipped(folders / "mine", tmp_path / "mine.zip", res_broken=b"no motion"),),
             names=("My system",),
@@ -60,16 +60,16 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
         ),
         callbacks,
     )
-    assert found.summary["clips"] == list(CLIPS)
+    assert found.batch_json["clips"] == list(CLIPS)
     shares = callbacks.shares
     assert sorted(shares) == shares and shares[-1] > 0.8, "the last clip could not be read"
-    assert list(found.clips) == ["My system", "reference"]
+    assert list(found.motion_files) == ["My system", "reference"]
     assert sorted(found.audio_files) == list(CLIPS)
     assert any("Left out" in note and "broken" in note for note in found.notes)
-    worst = found.summary["worst"][0]
+    worst = found.batch_json["worst"][0]
     assert (worst["system"], worst["clip"]) == ("My system", "d") and worst["kinds"]
     assert any(path.name == "distributions.png" for path in found.files)
-    for name, files in found.clips.items():
+    for name, files in found.motion_files.items():
         assert list(files) == list(CLIPS)
         for clip, path in files.items():
             kind = "gt_" if name == "reference" else "res_"
@@ -84,7 +84,7 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
     )
     diagnose_folders(asked)
     plain = json.loads((tmp_path / "plain" / "batch.json").read_text())
-    named = json.loads(json.dumps(found.summary).replace("My system", "mine"))
+    named = json.loads(json.dumps(found.batch_json).replace("My system", "mine"))
     assert list(named.pop("left_out")) == ["broken"] and not plain.pop("left_out")
     for told in (named, plain):
         del told["provenance"]["made_at"]
@@ -96,13 +96,13 @@ def test_all_zips_together_hold_no_more_than_the_limit(folders, tmp_path, monkey
     held = sum(path.stat().st_size for path in (folders / "mine").rglob("*.npz"))
     monkeypatch.setattr("app.run.batch.motion_sets.MAX_BYTES", round(1.5 * held))
     asked = diagnose_request(motions=(mine,), names=("mine",), out=tmp_path / "one")
-    assert measure_sets(asked).summary["clips"] == list(CLIPS)
-    with pytest.raises(RunError, match="would extract to"):
-        measure_sets(replace_fields(asked, out=tmp_path / "two", reference=theirs))
+    assert measure_uploaded_sets(asked).batch_json["clips"] == list(CLIPS)
+    with pytest.raises(RunError, match="Split the archive"):
+        measure_uploaded_sets(replace_fields(asked, out=tmp_path / "two", reference=theirs))
     monkeypatch.setattr("app.run.batch.motion_sets.MAX_FILES", len(CLIPS) + 1)
     monkeypatch.setattr("app.run.batch.motion_sets.MAX_BYTES", 10 * held)
     with pytest.raises(RunError, match="the limit is 1"):
-        measure_sets(replace_fields(asked, out=tmp_path / "three", reference=theirs))
+        measure_uploaded_sets(replace_fields(asked, out=tmp_path / "three", reference=theirs))
     for out in ("two", "three"):
         assert not list((tmp_path / out).glob(".*")), "what was unpacked is gone"
 
@@ -112,13 +112,13 @@ def test_zips_of_one_name_and_without_a_common_clip_are_refused(folders, tmp_pat
     with zipfile.ZipFile(other, "w") as archive:
         archive.write(next(folders.rglob("res_a.npz")), "x.npz")
     mine = zipped(folders / "mine", tmp_path / "mine.zip")
-    with pytest.raises(RunError, match="No clip is in all of mine, other"):
-        measure_sets(
+    with pytest.raises(RunError, match=r"No clip is in all sets \(mine, other\)"):
+        measure_uploaded_sets(
             diagnose_request(
                 motions=(mine, other), names=("mine", "other"), out=tmp_path / "second"
             )
         )
     with pytest.raises(RunError, match="same name"):
-        measure_sets(
+        measure_uploaded_sets(
             diagnose_request(motions=(mine, mine), names=("mine", "mine"), out=tmp_path / "third")
         )

@@ -12,7 +12,7 @@ from app.errors import Cancelled, RunError
 from app.findings.comparison import values_by_metric
 from app.findings.metric_table import JERK
 from app.run import pipeline
-from app.run.batch.saved_run import SPEECH_FOLDER, copy_run, run_request
+from app.run.batch.saved_run import SPEECH_FOLDER, copy_run, run_page_request
 from app.run.batch.speech_batch import clip_requests, find_speech_files, is_batch_input, run_batch
 from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from app.run.output.console import ProgressBars
@@ -22,7 +22,7 @@ from app.run.requests.requests import GenerateRequest
 from model.plan.editing import add_gesture, gestures
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan, Nod
-from model.sampling.samplers import clip_seed
+from model.sampling.samplers import noise_seed_of_clip
 from model.speech.audio import SpeechError, write_wav
 from model.storage.files import file_sha256
 from model.systems.planned.config import PLANNED
@@ -54,9 +54,9 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     runs = run_batch(
         clip_requests(asked), HERE, lambda path, share: told.append((path.name, share))
     )
-    assert runs.clips == ("a", "b", "c") and runs.num_reused == 0 and runs.failed == {}
+    assert runs.finished_clips == ("a", "b", "c") and runs.num_reused == 0 and runs.failed == {}
     assert [name for name, _ in told] == ["a", "b", "c"] and told[-1][1] == 1.0
-    for clip in runs.clips:
+    for clip in runs.finished_clips:
         names = {path.name for path in (out / clip).iterdir()}
         assert {"globaldiff-local.npz", "provenance.json", RUN} <= names
         assert not any(name.endswith(".png") for name in names)
@@ -70,13 +70,17 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     systems = {row["system"] for row in told_of_all["measures"]}
     assert systems == {"globaldiff/local", "globaldiff/global"}
     assert all(row["clips"] <= 3 for row in told_of_all["measures"])
-    records = [json.loads((out / clip / "provenance.json").read_text()) for clip in runs.clips]
+    records = [
+        json.loads((out / clip / "provenance.json").read_text()) for clip in runs.finished_clips
+    ]
     options = [record["options"] for record in records]
     assert [each["seed"] for each in options] == [0, 0, 0]
-    shas = [file_sha256(speeches / f"{clip}.wav") for clip in runs.clips]
+    shas = [file_sha256(speeches / f"{clip}.wav") for clip in runs.finished_clips]
     noise_seeds = [each["noise_seed"] for each in options]
-    assert noise_seeds == [clip_seed(0, sha256) for sha256 in shas]  # or all would move alike
-    assert [read_run(out / clip).noise_seed for clip in runs.clips] == noise_seeds
+    assert noise_seeds == [
+        noise_seed_of_clip(0, sha256) for sha256 in shas
+    ]  # or all would move alike
+    assert [read_run(out / clip).noise_seed for clip in runs.finished_clips] == noise_seeds
     motions = [np.load(out / clip / "globaldiff-local.npz")["poses"] for clip in "ab"]
     assert not np.array_equal(*motions)
 
@@ -85,7 +89,7 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     (out / "b" / RUN).unlink()
     (out / "b" / f".unfinished-{os.getpid()}-elsewhere").mkdir()  # a number that lives here too
     runs = run_batch(clip_requests(asked), HERE)
-    assert runs.num_reused == 1 and runs.clips == ("a", "b", "c")
+    assert runs.num_reused == 1 and runs.finished_clips == ("a", "b", "c")
     after = {clip: (out / clip / "globaldiff-local.npz").stat().st_mtime_ns for clip in "abc"}
     assert not list(out.glob("*/.unfinished*"))
     assert after["c"] == times["c"] and after["a"] > times["a"] and after["b"] > times["b"]
@@ -118,7 +122,7 @@ def test_a_clip_moves_alike_alone_and_among_others_in_any_order_and_process(
     events: list[RunEvent] = []
     in_processes = clip_requests(asked(listed, "processes"))
     assert run_batch(in_processes, pool, callbacks=RunCallbacks(events.append)).failed == {}
-    told = [(each.clip, each.fraction) for each in events if isinstance(each, StageProgress)]
+    told = [(each.clips_text, each.fraction) for each in events if isinstance(each, StageProgress)]
     assert told[0] == ("2 clips", 0.0) and told[-1] == ("2 clips", 1.0)
     assert {each.folder.parent.name for each in events if isinstance(each, FolderUpdated)} == {
         "b",
@@ -148,7 +152,7 @@ def test_clips_that_cannot_be_made_hold_up_no_other(speeches, weights, tmp_path,
     assert main(asked) == 0
     said = capsys.readouterr()
     assert said.out.split()[0] == str(out / "b")
-    assert "2 clips were already finished and were reused." in said.err
+    assert "2 clips had already been generated; the results were reused." in said.err
 
 
 def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
@@ -165,20 +169,20 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     elsewhere.write_text(f"{speeches / 'a.wav'}\n")
     for speech in (elsewhere, tmp_path):
         with pytest.raises(SpeechError):  # whoever's files it names
-            run_request(replace_fields(asked, speech=speech, out=tmp_path / "0"), NO_CALLBACKS)
+            run_page_request(replace_fields(asked, speech=speech, out=tmp_path / "0"), NO_CALLBACKS)
     with pytest.raises(SpeechError, match=r"b\.wav"):
-        run_request(asked, NO_CALLBACKS)
+        run_page_request(asked, NO_CALLBACKS)
     write_wav(speeches / "b.wav", made_waveform(16_000, 1))
     with pytest.raises(
         RunError, match=r"last 0\.0\d? minutes in total; the limit of a run is 0\.02"
     ):
-        run_request(replace_fields(asked, max_speech_s=1.2), NO_CALLBACKS)
+        run_page_request(replace_fields(asked, max_speech_s=1.2), NO_CALLBACKS)
     with pytest.raises(Cancelled):
-        run_request(asked, RunCallbacks(should_cancel=lambda: True))
+        run_page_request(asked, RunCallbacks(should_cancel=lambda: True))
     events: list[RunEvent] = []
-    run_request(asked, RunCallbacks(events.append))
+    run_page_request(asked, RunCallbacks(events.append))
     motion = [each for each in events if isinstance(each, StageProgress) and each.stage == "motion"]
-    assert {each.clip for each in motion} == {"2 clips"}
+    assert {each.clips_text for each in motion} == {"2 clips"}
     assert [each.fraction for each in motion] == pytest.approx([0.5, 1.0])
     runs = find_runs(asked.output.out)
     assert [read_run(run).settings["speech"] for run in runs.values()] == list(runs) == list("ab")
@@ -193,10 +197,10 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     again = diagnose_request(
         motions=(packed,), out=tmp_path / "anew/results", has_figures=False, is_incremental=True
     )
-    run_request(again, NO_CALLBACKS)
+    run_page_request(again, NO_CALLBACKS)
     measured = [
         values_by_metric(
-            {name: of["raw"] for name, of in read_run(run).numbers.items()}
+            {name: of["raw"] for name, of in read_run(run).metrics.items()}
             for run in find_runs(out).values()
         )[JERK]
         for out in (asked.output.out, again.output.out)
@@ -268,7 +272,7 @@ def test_results_stay_in_their_folder_and_hidden_files_are_no_clips(speeches, we
     listed, out = tmp_path / "list.txt", tmp_path / "out"
     listed.write_text("speech/...wav\n")  # whoever names it means it
     runs = run_batch(clip_requests(request_of(listed, out, weights, has_figures=False)), HERE)
-    assert runs.clips == ("_",) and (out / "_" / RUN).is_file()
+    assert runs.finished_clips == ("_",) and (out / "_" / RUN).is_file()
     assert not (tmp_path / RUN).exists() and not (out / RUN).exists()
 
 
@@ -290,7 +294,7 @@ def test_a_batch_takes_one_style_file_and_a_folder_of_plans(speeches, planned_we
         speech=speeches, out=tmp_path / "out", weights=planned_weights, systems=(PLANNED,), steps=1,
         has_figures=False, style=style, plan=plans,
     )  # fmt: skip
-    with pytest.raises(RunError, match="plans has no plan for 2 clips; the first is a"):
+    with pytest.raises(RunError, match="plans has no plan for 2 clips: a"):
         run_batch(clip_requests(asked), HERE)
     with pytest.raises(
         RunError, match="is not a folder; for several speeches, give a folder of plans"
@@ -300,7 +304,7 @@ def test_a_batch_takes_one_style_file_and_a_folder_of_plans(speeches, planned_we
     busy = add_gesture(GesturePlan(4.0, nods=(Nod(1.5, 4.0),)), "offer", 2.0, "right").plan
     write_plan_file(busy, plans / "d.TextGrid")
     runs = run_batch(clip_requests(asked), HERE)
-    assert runs.failed == {} and runs.clips == ("a", "d")
+    assert runs.failed == {} and runs.finished_clips == ("a", "d")
     performed = [
         read_plan_file(asked.output.out / clip / "workbench-planned.plan.json").plan
         for clip in "ad"

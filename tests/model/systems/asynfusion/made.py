@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
-from model.systems.asynfusion.config import DDIM, LCM_SYNC, AsynFusionConfig, DualBranchConfig
+from model.systems.asynfusion.config import DDIM, LCM_SYNC, AsynFusionTrainConfig, DualBranchConfig
 from model.systems.asynfusion.network import BranchStatistics, DualBranchNetwork, Pair, face_tensors
 from tests.model.made import made_components, made_prior, save_made, shaken
 
@@ -56,6 +56,8 @@ def make_asynfusion(folder: Path, speech_dropout: float = 0.1) -> Path:
     """Weights of the teacher and of the student."""
     face, body = made_streams()
     for name, aim in ((DDIM, "noise"), (LCM_SYNC, "teacher")):
-        config = AsynFusionConfig(system=name, network=TINY, aim=aim, speech_dropout=speech_dropout)
+        config = AsynFusionTrainConfig(
+            system=name, network=TINY, aim=aim, speech_dropout=speech_dropout
+        )
         save_made(folder, config, tiny_network(), body.tensors() | face_tensors(face))
     return folder

@@ -50,16 +50,16 @@ def test_alone_a_branch_hears_what_the_buffer_holds():
     network, x_t = tiny_network(), made_pair()
     conditions = made_conditions()
     heard = network.speech_tokens(conditions.pop("speech"), conditions.pop("has_speech"))
-    asked = {"speech": heard, "seed": seed_of(x_t), **conditions}
+    asked = {"speech_tokens": heard, "seed": seed_of(x_t), **conditions}
     buffer: FeatureBuffer = {}
-    both = network.evaluate(BRANCHES, x_t, T, buffer, **asked)
+    both = network.predict_active(BRANCHES, x_t, T, buffer, **asked)
     for which in BRANCHES:
         torch.testing.assert_close(
-            network.evaluate([which], x_t, T, buffer, **asked)[which], both[which]
+            network.predict_active([which], x_t, T, buffer, **asked)[which], both[which]
         )
     for layer in range(2):
         buffer[0, layer] = torch.zeros_like(buffer[0, layer])
-    alone = network.evaluate([1], x_t, T, buffer, **asked)
+    alone = network.predict_active([1], x_t, T, buffer, **asked)
     assert list(alone) == [1] and (alone[1] - both[1]).abs().max() > 1e-4
     assert not buffer[0, 0].any()
 

@@ -88,13 +88,13 @@ def noise(which: int, step: int) -> torch.Tensor:
 def watched(network: DualBranchNetwork, monkeypatch: pytest.MonkeyPatch) -> list:
     """Which branches are asked at which times, from now on."""
     calls: list[tuple[tuple[int, ...], list[float]]] = []
-    evaluate = network.evaluate
+    predict_active = network.predict_active
 
     def listed(active: Sequence[int], x_t, t, buffer: FeatureBuffer, **conditions):
         calls.append((tuple(active), [float(time[0]) for time in t]))
-        return evaluate(active, x_t, t, buffer, **conditions)
+        return predict_active(active, x_t, t, buffer, **conditions)
 
-    monkeypatch.setattr(network, "evaluate", listed)
+    monkeypatch.setattr(network, "predict_active", listed)
     return calls
 
 
@@ -107,7 +107,7 @@ def test_equal_counts_are_the_usual_sampler(way):
     times = [*flow_times()[trailing_steps(5)].tolist(), 1.0]
     for k in range(5):
         t = torch.full((2,), times[k]), torch.full((2,), times[k])
-        found = network.evaluate(BRANCHES, x, t, {}, **conditions)
+        found = network.predict_active(BRANCHES, x, t, {}, **conditions)
         later = torch.full((2,), times[k + 1])
         kept = [
             noise_from_clean(x[b], found[b], t[b]) if way == "ddim" else noise(b, k + 1)
@@ -141,11 +141,11 @@ def test_what_is_stale_is_the_last_step_of_the_idle_branch():
     half = torch.full((2,), float(times[499]))
     buffer: FeatureBuffer = {}
     x = noise(0, 0), noise(1, 0)
-    first = network.evaluate(BRANCHES, x, (start, start), buffer, **conditions)
+    first = network.predict_active(BRANCHES, x, (start, start), buffer, **conditions)
     heard = {at: features.clone() for at, features in buffer.items() if at[0] == EXPRESSION}
     assert len(heard) == 2
     body = interpolate(noise(1, 1), first[1], half)
-    second = network.evaluate([1], (first[0], body), (half, half), buffer, **conditions)
+    second = network.predict_active([1], (first[0], body), (half, half), buffer, **conditions)
     made = sample(network, AS_TRAINED, noise, (1, 2), "lcm", **conditions)
     torch.testing.assert_close(made[0], first[0])
     torch.testing.assert_close(made[1], second[1])
@@ -177,9 +177,9 @@ def asked(network: DualBranchNetwork, guide: ClassifierFreeGuidance = AS_TRAINED
     conditions, seed = made_conditions(), made_pair(seed=2)
     del conditions["has_speech"]
     heard = network.speech_tokens(
-        guide.duplicate(conditions.pop("speech")), guide.is_conditional(2)
+        guide.duplicate(conditions.pop("speech")), guide.conditional_mask(2)
     )
-    return {"speech": heard, "seed": (seed[0][:, :8], seed[1][:, :8]), **conditions}
+    return {"speech_tokens": heard, "seed": (seed[0][:, :8], seed[1][:, :8]), **conditions}
 
 
 def test_steps_begin_at_pure_noise_and_lie_at_even_distances():

@@ -33,14 +33,14 @@ def test_three_systems_move_by_two_files(folder):
     )
     ddim, sync, apart = (load_system(name, folder) for name in list_systems(folder))
     assert sync.sha256s == apart.sha256s != ddim.sha256s
-    assert [s.samplers[0].steps for s in (ddim, sync, apart)] == [25, 8, 8]
+    assert [s.samplers[0].default_steps for s in (ddim, sync, apart)] == [25, 8, 8]
     assert sync.network.consistent and not ddim.network.consistent
 
 
 def test_the_face_is_its_own_and_lives(folder):
     system = load_system("asynfusion/lcm-async", folder)
-    one, two = moved(system, samples=2, steps=4)
-    assert one.num_frames == SPEECH.num_frames == len(one.expressions)
+    one, two = moved(system, num_samples=2, steps=4)
+    assert one.num_frames == SPEECH.num_motion_frames == len(one.expressions)
     units = one.expressions[:, :52]
     assert (units >= 0).all() and (units <= 1).all() and units.std(0).max() > 1e-3
     assert not one.expressions[:, 52:].any()

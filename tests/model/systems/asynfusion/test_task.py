@@ -15,7 +15,7 @@ from model.systems.asynfusion.task import (
     consistency_target,
     draw_steps,
     make_task,
-    noise_loss_terms,
+    noise_training_terms,
     pseudo_huber,
 )
 from model.systems.registry import load_system
@@ -59,7 +59,7 @@ def test_the_terms_are_equations_12_to_14():
     x_1, noise, told = torch.randn(3, 2, 5, BODY)
     t = torch.tensor([0.25, 0.5])
     x_t = (1 - t)[:, None, None] * noise + t[:, None, None] * x_1
-    terms = noise_loss_terms(weights, normaliser, x_t, told, x_1, noise, t)
+    terms = noise_training_terms(weights, normaliser, x_t, told, x_1, noise, t)
     for k in range(2):
         eps = (x_t[k] - t[k] * told[k]) / (1 - t[k])
         wanted = 10 * ((noise[k] - eps) ** 2).mean()
@@ -69,7 +69,7 @@ def test_the_terms_are_equations_12_to_14():
         huber = torch.where(small, error**2 / 2, error.abs() - 0.5).mean()
         torch.testing.assert_close(terms["huber"][k], huber, rtol=1e-4, atol=1e-5)
         torch.testing.assert_close(terms["velocity"][k], (error.diff(dim=0) ** 2).mean())
-    exact = noise_loss_terms(weights, normaliser, x_t, x_1, x_1, noise, t)
+    exact = noise_training_terms(weights, normaliser, x_t, x_1, x_1, noise, t)
     assert all(float(term.max()) < 1e-8 for term in exact.values())
 
 

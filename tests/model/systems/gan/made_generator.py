@@ -4,7 +4,7 @@ from pathlib import Path
 
 import torch
 
-from model.systems.gan.config import WEIGHTS, GanConfig, GeneratorConfig
+from model.systems.gan.config import WEIGHTS, GanTrainConfig, GeneratorConfig
 from model.systems.gan.network import Generator
 from tests.model.made import made_components, made_prior, make_weights, save_made, shaken
 
@@ -26,7 +26,7 @@ def make_gan_weights(folder: Path) -> Path:
     mean[-2] = 1.2
     statistics = made_components(mean, 0.1).tensors()
     statistics["prior.covariance"] = generator.prior.covariance
-    save_made(folder, GanConfig(system=WEIGHTS, generator=TINY), generator, statistics)
+    save_made(folder, GanTrainConfig(system=WEIGHTS, generator=TINY), generator, statistics)
     return folder
 
 

@@ -248,26 +248,24 @@ def test_the_best_deviation_is_that_of_the_errors():
 
 def test_scores_belong_to_their_windows_and_hear_everything():
     network = Discriminator(SMALL, TINY)
-    x_before, x_now = torch.randn(2, 3, 60, TINY.channels)
-    before, now = torch.tensor([0.0, 0.2, 0.8]), torch.tensor([0.2, 0.4, 1.0])
+    x_s, x_t = torch.randn(2, 3, 60, TINY.channels)
+    s, t = torch.tensor([0.0, 0.2, 0.8]), torch.tensor([0.2, 0.4, 1.0])
     known = told(TINY, 3)
-    scores = network(x_before, x_now, before, now, **known)
+    scores = network(x_s, x_t, s, t, **known)
     assert scores.shape == (3,)
-    alone = network(x_before[1:2], x_now[1:2], before[1:2], now[1:2],
+    alone = network(x_s[1:2], x_t[1:2], s[1:2], t[1:2],
                     **{name: value[1:2] for name, value in known.items()})  # fmt: skip
     torch.testing.assert_close(alone, scores[1:2], rtol=1e-4, atol=1e-5)
 
     def moved(**changes) -> torch.Tensor:
-        given = {"x_before": x_before, "x_now": x_now, "before": before, "now": now, **known}
+        given = {"x_s": x_s, "x_t": x_t, "s": s, "t": t, **known}
         return (network(**{**given, **changes}) - scores).abs() > 1e-6
 
-    assert moved(x_before=x_now).all() and moved(x_now=x_before).all()
-    assert moved(before=before + 0.1).all() and moved(now=now - 0.1).all()
+    assert moved(x_s=x_t).all() and moved(x_t=x_s).all()
+    assert moved(s=s + 0.1).all() and moved(t=t - 0.1).all()
     assert moved(speech=known["speech"].flip(1)).all() and moved(speaker=known["speaker"] + 1).all()
     assert moved(seed=-known["seed"]).tolist() == known["has_seed"].tolist()
     deaf = {"has_speech": torch.zeros(3, dtype=torch.bool)}
-    unheard = network(x_before, x_now, before, now, **known | deaf)
+    unheard = network(x_s, x_t, s, t, **known | deaf)
     noise = torch.randn_like(known["speech"])
-    assert torch.equal(
-        network(x_before, x_now, before, now, **known | deaf | {"speech": noise}), unheard
-    )
+    assert torch.equal(network(x_s, x_t, s, t, **known | deaf | {"speech": noise}), unheard)

@@ -32,7 +32,7 @@ def folder(made_once):
 def test_three_systems_move_with_one_network_in_their_own_numbers_of_steps(folder):
     assert list_systems(folder) == tuple(STEPS_BY_SYSTEM)
     loaded = [load_system(name, folder) for name in STEPS_BY_SYSTEM]
-    assert [one.samplers[0].steps for one in loaded] == [20, 10, 5]
+    assert [one.samplers[0].default_steps for one in loaded] == [20, 10, 5]
     assert all(one.sha256s == loaded[0].sha256s for one in loaded)
     moved = [generate_motion(one, SPEECH, GenerateOptions("ann"))[0].poses for one in loaded]
     assert len(moved[0]) == 60 and np.abs(np.diff(moved[0], axis=0)).mean() > 1e-4

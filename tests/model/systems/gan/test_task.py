@@ -50,7 +50,7 @@ def task(data) -> GanTask:
 @pytest.fixture
 def batch(data, task) -> Batch:
     rng, clips = np.random.default_rng(0), data.clips_of_split("train")
-    return data.window_batch(clips, 60, 8, rng, context=task.context)
+    return data.draw_windows(clips, 60, 8, rng, context=task.context_frames)
 
 
 def networks_of(task: GanTask) -> tuple[Generator, Discriminator]:
@@ -58,7 +58,7 @@ def networks_of(task: GanTask) -> tuple[Generator, Discriminator]:
 
 
 def drawn_by(task: GanTask, batch: Batch, seed: int) -> DenoisingBatch:
-    draws = ShardedRandom(len(batch.clips), torch.Generator().manual_seed(seed), UNSHARDED)
+    draws = ShardedRandom(len(batch.clip_names), torch.Generator().manual_seed(seed), UNSHARDED)
     return task.draw(task.network, batch, draws)
 
 
@@ -90,11 +90,11 @@ def test_real_steps_are_the_chains_and_every_number_of_steps_is_trained(task, ba
     seen = set()
     for seed in range(40):
         drawn = drawn_by(task, batch, seed)
-        gaps = drawn.now - drawn.before
+        gaps = drawn.t - drawn.s
         seen |= {round(1 / float(gap)) for gap in gaps}
-        assert (drawn.now <= 1).all() and (drawn.before >= -1e-6).all()
-        ends = drawn.before.abs() < 1e-6
-        torch.testing.assert_close(drawn.x_before[ends], drawn.x_0[ends], rtol=1e-3, atol=1e-3)
+        assert (drawn.t <= 1).all() and (drawn.s >= -1e-6).all()
+        ends = drawn.s.abs() < 1e-6
+        torch.testing.assert_close(drawn.x_s[ends], drawn.x_0[ends], rtol=1e-3, atol=1e-3)
     assert seen == set(TRAINING_STEP_COUNTS)
 
 

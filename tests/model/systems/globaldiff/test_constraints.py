@@ -47,7 +47,7 @@ def test_twist_of_a_leaf_joint_is_seen_by_anchors_and_not_by_positions():
 
 def test_skeleton_loss_equals_the_matrices_of_equation_13():
     a, b = positions_of(rotations(0)), positions_of(rotations(1))
-    directions = [constraints.bone_directions(p)[0] for p in (a, b)]
+    directions = [constraints.bone_directions_and_lengths(p)[0] for p in (a, b)]
     matrices = [each @ each.mT for each in directions]
     squared = (matrices[0] - matrices[1]).square()
     expected = squared.sum((-1, -2)).mean(-1) / (54 * 53)  # the diagonal is 1 in both
@@ -59,7 +59,7 @@ def test_degenerate_bones_count_in_neither_sum_nor_number():
     a, b = positions_of(rotations(0)), positions_of(rotations(1))
     foot = JOINT_INDEX["left_foot"]
     a[:, :, foot] = a[:, :, PARENTS[foot]]  # a bone without length, in the prediction only
-    directions = [constraints.bone_directions(p)[0] for p in (a, b)]
+    directions = [constraints.bone_directions_and_lengths(p)[0] for p in (a, b)]
     keep = [joint - 1 for joint in range(1, 55) if joint != foot]
     first, second = (d[..., keep, :] @ d[..., keep, :].mT for d in directions)
     expected = (first - second).square().sum((-1, -2)).mean(-1) / (53 * 52)

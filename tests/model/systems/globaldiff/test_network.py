@@ -12,7 +12,7 @@ from model.sampling.samplers import UnknownNameError
 from model.storage.cards import from_dict, to_json
 from model.systems.globaldiff.config import (
     ABLATION,
-    GlobalDiffConfig,
+    GlobalDiffTrainConfig,
     NetworkConfig,
     presets,
 )
@@ -71,7 +71,7 @@ def test_samples_of_a_batch_do_not_mix(network):
 
 def test_config_survives_json_and_refuses_unknown_fields():
     config = presets("globaldiff/local")["smoke"]
-    assert from_dict(GlobalDiffConfig, json.loads(to_json(config))) == config
+    assert from_dict(GlobalDiffTrainConfig, json.loads(to_json(config))) == config
     with pytest.raises(ValueError, match="NetworkConfig has no field depth"):
         from_dict(NetworkConfig, {"depth": 3})
     with pytest.raises(ValueError, match="choose one of demo, paper, smoke"):

@@ -68,9 +68,9 @@ def made_data(folder: Path, num_frames: int = 1200, count: int = 6) -> PreparedD
         clips=tuple(clips),
         poses=np.concatenate([made_poses(envelope) for envelope in envelopes]),
         transl=np.zeros((rows, 3), np.float32),
-        expression=np.zeros((rows, 52), np.float32),
+        arkit_weights=np.zeros((rows, 52), np.float32),
         speech=np.concatenate([made_features(envelope) for envelope in envelopes]),
-        speakers={1: "ann"},
+        speaker_names={1: "ann"},
     )
 
 
@@ -81,7 +81,7 @@ def trained(folder: Path, steps: int = 40) -> tuple[SingleNetworkTask, PreparedD
     task = make_task(config, data, TaskSetup(folder))
     for step in range(steps):
         rng = np.random.default_rng(step)
-        batch = data.window_batch(data.clips_of_split("train"), task.window_frames, 8, rng)
+        batch = data.draw_windows(data.clips_of_split("train"), task.window_frames, 8, rng)
         task.step(step, batch, torch.Generator().manual_seed(step))
     return task, data
 

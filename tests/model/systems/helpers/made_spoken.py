@@ -5,14 +5,14 @@ from pathlib import Path
 import torch
 
 from model.motion.packing import Normaliser
-from model.networks.speech_codes import CodesNetwork
+from model.networks.speech_codes import SpeechCodesNetwork
 from model.plan.annotation_files import NamedTier
-from model.speech.encoder import SPEECH_ENCODER, SpeechCodesConfig
-from model.systems.helpers.config import SpeechEncoderConfig
+from model.speech.encoder import SPEECH_ENCODER, SpeechEncoderConfig
+from model.systems.helpers.config import SpeechEncoderTrainConfig
 from tests.model.made import make_data_folder, save_made
 from tests.model.plan.made import HANDS, grid, tier
 
-TINY_CODES = SpeechCodesConfig(width=16, codes=8, dilations=(1, 2))
+TINY_CODES = SpeechEncoderConfig(width=16, codes=8, dilations=(1, 2))
 SPOKEN = (
     tier("words", (0.2, 0.7, "whole"), (0.7, 1.0, "of"), (1.5, 2.0, "other")),
     tier("phones", (0.2, 0.4, "hh"), (0.4, 0.7, "OW1"), (0.7, 1.0, "pau"), (1.5, 2, "er")),
@@ -34,6 +34,6 @@ def make_encoder_weights(folder: Path) -> Path:
     """Random weights with a complete card."""
     torch.manual_seed(2)
     statistics = Normaliser(torch.zeros(68), torch.ones(68)).tensors()
-    config = SpeechEncoderConfig(system=SPEECH_ENCODER, codes=TINY_CODES)
-    save_made(folder, config, CodesNetwork(TINY_CODES), statistics)
+    config = SpeechEncoderTrainConfig(system=SPEECH_ENCODER, codes=TINY_CODES)
+    save_made(folder, config, SpeechCodesNetwork(TINY_CODES), statistics)
     return folder

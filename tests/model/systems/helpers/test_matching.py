@@ -10,21 +10,21 @@ from conventions.joints import JOINT_INDEX
 from model.motion.packing import Normaliser
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 from model.systems.helpers.matching import (
-    PARTS,
     STILL_RAD_S,
     TRACKS,
+    TRACKS_BY_PART,
     MatchingNetwork,
     SpeechMotionMatcher,
     agreement,
     log_arm_speed,
-    motion_tracks,
+    log_speed_features,
 )
-from model.systems.helpers.task import contrastive_loss, make_task, matching_accuracy
+from model.systems.helpers.task import contrastive_loss, make_task, pairwise_matching_accuracy
 from model.training.task import TaskSetup
 from tests.model.made import shaken
 from tests.model.systems.helpers.made_matching import SHAPE, made_data, tiny_config
 
-ALL = tuple(PARTS)
+ALL = tuple(TRACKS_BY_PART)
 
 
 def turning(joint: str, rad_s: float, frames: int = 60) -> torch.Tensor:
@@ -39,7 +39,7 @@ def drawn(*shape: int, seed: int = 0) -> torch.Tensor:
 
 
 def track_of(poses: torch.Tensor, name: str) -> torch.Tensor:
-    return motion_tracks(poses)[0, :, TRACKS.index(name)]
+    return log_speed_features(poses)[0, :, TRACKS.index(name)]
 
 
 def wandering(batch: int, frames: int = 300, seed: int = 0) -> torch.Tensor:
@@ -57,7 +57,7 @@ def judge() -> SpeechMotionMatcher:
 
 @pytest.mark.parametrize("rad_s", [0.0, 0.5, 4.0])
 def test_a_track_is_the_log_of_the_speed_of_its_joint_alone(rad_s):
-    tracks = motion_tracks(turning("left_elbow", rad_s))[0]
+    tracks = log_speed_features(turning("left_elbow", rad_s))[0]
     moving = TRACKS.index("left_elbow")
     expected = torch.full((60,), np.log(rad_s + STILL_RAD_S))
     torch.testing.assert_close(tracks[:, moving], expected, atol=1e-3, rtol=0)
@@ -73,7 +73,7 @@ def test_tracks_do_not_depend_on_the_pose():
     jaw = JOINT_INDEX["jaw"]
     elsewhere[:, :, jaw] = poses.unflatten(-1, (55, 3))[:, :, jaw]
     single = [k for k, name in enumerate(TRACKS) if name not in ("head", "trunk")]
-    found, moved = (motion_tracks(p)[..., single] for p in (poses, elsewhere.flatten(-2)))
+    found, moved = (log_speed_features(p)[..., single] for p in (poses, elsewhere.flatten(-2)))
     torch.testing.assert_close(moved, found, atol=1e-3, rtol=0)
 
 
@@ -102,10 +102,10 @@ def test_agreement_is_the_correlation_of_tracks():
     heard, seen = drawn(3, 50, 1), drawn(2, 50, 1, seed=1)
     heard, seen = (x - x.mean(1, keepdim=True) for x in (heard, seen))
     expected = np.corrcoef(seen[1, :, 0], heard[2, :, 0])[0, 1]
-    found = agreement(heard, seen)
+    found = agreement(seen, heard)
     assert found.shape == (2, 3) and found[1, 2] == pytest.approx(expected, abs=1e-5)
-    torch.testing.assert_close(agreement(5 * heard, 0.1 * seen), found)
-    assert agreement(heard, 1e-7 * seen).abs().max() < 1e-2  # rounding is not movement
+    torch.testing.assert_close(agreement(0.1 * seen, 5 * heard), found)
+    assert agreement(1e-7 * seen, heard).abs().max() < 1e-2  # rounding is not movement
 
 
 def test_a_voice_a_microphone_and_a_lively_habit_do_not_count(judge):
@@ -116,7 +116,7 @@ def test_a_voice_a_microphone_and_a_lively_habit_do_not_count(judge):
     torch.testing.assert_close(
         judge.agreements(poses, speech + colour, ALL), found, atol=1e-4, rtol=0
     )
-    tracks = judge.normaliser.normalise(motion_tracks(poses))
+    tracks = judge.normaliser.normalise(log_speed_features(poses))
     livelier = judge.network.encode_motion(tracks + 3.0)
     for part, track in judge.network.encode_motion(tracks).items():
         torch.testing.assert_close(livelier[part], track, atol=1e-3, rtol=0)
@@ -136,7 +136,7 @@ def test_each_part_is_judged_by_its_own_joints(judge, joint, part):
     poses, speech = (wandering(1), drawn(2, 300, 68))
     other = poses.clone().unflatten(-1, (55, 3))
     other[:, :, JOINT_INDEX[joint]] = wandering(1, seed=9).unflatten(-1, (55, 3))[:, :, 0]
-    for name in PARTS:
+    for name in TRACKS_BY_PART:
         pair = [judge.agreements(p, speech, (name,)) for p in (poses, other.flatten(-2))]
         assert torch.equal(*pair) == (name != part)
     summed = sum(judge.agreements(poses, speech, (name,)) for name in ("arms", "trunk"))
@@ -148,7 +148,7 @@ def test_speech_is_heard_through_other_microphones_in_training_only(tmp_path):
     config = replace(tiny_config(), augment_speech=True, learning_rate=0.0)
     task = make_task(config, data, TaskSetup(tmp_path))
     rng = np.random.default_rng(1)
-    batch = data.window_batch(data.clips_of_split("train"), task.window_frames, 4, rng)
+    batch = data.draw_windows(data.clips_of_split("train"), task.window_frames, 4, rng)
     generators = [torch.Generator().manual_seed(seed) for seed in (0, 1)]
     assert task.window_frames == 120 and task.normaliser.mean.shape == (len(TRACKS),)  # two pieces
     heard = [task.step(0, batch, generator)["arms"] for generator in generators]
@@ -167,7 +167,11 @@ def test_contrastive_loss_asks_both_ways():
 
 
 def test_matching_accuracy_leaves_out_the_own_speech():
-    assert matching_accuracy(torch.eye(3)) == 1
-    assert matching_accuracy(-torch.eye(3)) == matching_accuracy(torch.zeros(3, 3)) == 0
+    assert pairwise_matching_accuracy(torch.eye(3)) == 1
+    assert (
+        pairwise_matching_accuracy(-torch.eye(3))
+        == pairwise_matching_accuracy(torch.zeros(3, 3))
+        == 0
+    )
     agreements = torch.tensor([[0.5, 0.1, 0.9], [0.0, 1.0, 0.0], [2.0, 2.0, 1.0]])
-    assert matching_accuracy(agreements) == pytest.approx(0.5)
+    assert pairwise_matching_accuracy(agreements) == pytest.approx(0.5)

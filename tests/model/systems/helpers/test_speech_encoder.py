@@ -30,10 +30,10 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_frames_are_told_what_is_annotated_at_the_speed_of_each_copy(root):
     data = prepare(root / "data", root / "copies", MelEncoder(), augmented_copies=1)
     plans = load_plan_annotations(data, 4)
-    table = replace(plans.table, stroke_shares_by_word={"whole": 0.75})
-    spoken = load_speech_labels(data, replace(plans, table=table))
+    table = replace(plans.kind_table, stroke_shares_by_word={"whole": 0.75})
+    spoken = load_speech_labels(data, replace(plans, kind_table=table))
     plain, copy = (next(c for c in data.clips if c.copy == n) for n in (0, 1))
-    phone = spoken.phone[plain.start : plain.stop]
+    phone = spoken.phones[plain.start : plain.stop]
     named = [PHONES[number - 1] if number else "" for number in phone[:60]]
     wanted = [""] * 6 + ["hh"] * 6 + ["ow"] * 9 + [""] * 24 + ["er"] * 15
     assert named == wanted
@@ -47,7 +47,7 @@ def test_frames_are_told_what_is_annotated_at_the_speed_of_each_copy(root):
     assert set(told["struck"][6:21]) == {0.75} and not told["struck"][21:].any()
     assert told["speed"][45] > 10 * told["speed"][5] >= 0  # of a stroke, and before anything moves
     speed = plain.num_frames / copy.num_frames
-    faster = spoken.phone[copy.start : copy.stop]
+    faster = spoken.phones[copy.start : copy.stop]
     assert np.flatnonzero(faster)[0] == pytest.approx(6 / speed, abs=1)
 
 
@@ -59,7 +59,7 @@ def test_an_encoder_that_was_trained_gives_codes_beside_features(root, tmp_path)
     torch.testing.assert_close(codes.encode(features[1]), found[1])
     later = features.clone()
     later[:, 20:] += 1
-    reach = codes.network.config.context
+    reach = codes.network.config.context_frames_per_side
     torch.testing.assert_close(codes.encode(later)[:, : 20 - reach], found[:, : 20 - reach])
     assert not torch.allclose(codes.encode(later)[:, 20 - reach], found[:, 20 - reach], atol=1e-6)
     card = json.loads((root / "encoder" / "weights" / "speech-encoder.json").read_text())

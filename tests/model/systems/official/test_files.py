@@ -11,7 +11,7 @@ from torch import Tensor
 
 from model.storage.cards import CheckpointError
 from model.storage.checkpoint import read_tensors
-from model.systems.official.checkpoints import network_of_file, official_file, official_folder
+from model.systems.official.checkpoints import network_by_file_name, official_file, official_folder
 from model.systems.official.networks import load_network, make_network
 from tests.model.systems.official.filled import fill
 from tests.model.training.made import assert_equal_states
@@ -49,7 +49,7 @@ def expression() -> OrderedDict[str, Tensor]:
     ],
 )
 def test_names_tell_the_network(name, part):
-    assert network_of_file(Path(name)) == part
+    assert network_by_file_name(Path(name)) == part
 
 
 def test_the_last_epoch_is_taken_unless_one_is_called_best(tmp_path, monkeypatch):
@@ -111,10 +111,10 @@ def test_the_first_name_that_does_not_fit_is_told(expression, tmp_path):
     lacking = {name: each for name, each in expression.items() if name != "style_embed.mlp.2.bias"}
     wider = {"audio_feature_map.weight": torch.zeros(512, 832), bias: torch.zeros(99)}
     told = {
-        r"map.weight is of shape \[512, 832\] in place of \[512, 1088\] \(1": expression | wider,
+        r"map.weight has the shape \[512, 832\] instead of \[512, 1088\] \(1": expression | wider,
         r"style_embed.mlp.2.bias is missing; give a file": lacking,
-        "extra is not known": expression | {"extra": torch.zeros(1)},
-        rf"not finite .* in {bias} first": expression | {bias: torch.full((100,), torch.nan)},
+        "extra is not part of the network": expression | {"extra": torch.zeros(1)},
+        rf"not finite .* first in {bias}": expression | {bias: torch.full((100,), torch.nan)},
     }
     for sentence, content in told.items():
         torch.save(OrderedDict(content), path)

@@ -83,11 +83,11 @@ def test_two_windows(carried, networks, kind, monkeypatch):
         encoder=OfficialEncoder(lambda windows: torch.zeros(len(windows), 60, 1024)),
         windowing=Windowing(60, 8, 0),
         samplers=FAMILY.samplers_of(FILTERED),
-        frame="world",
-        root_motion="place",
+        rotation_frame="global",
+        root_format="place",
         network=networks["motion"],
-        expressions=networks["expression"],
-        seed=seed_pose_of(start),
+        expression_network=networks["expression"],
+        initial_seed_pose=seed_pose_of(start),
         smooths_windows=kind == "filtered",
     )
     frames = windows_to_frames(torch.stack([heard(3000), heard(3001)]))

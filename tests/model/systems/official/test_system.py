@@ -20,7 +20,7 @@ from model.systems.official.system import (
     seed_pose_of,
     standing_seed_pose,
 )
-from model.systems.registry import list_speakers, list_systems, load_system
+from model.systems.registry import list_systems, load_system, shared_speakers
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_speech
 from tests.model.systems.official.made_official import make_features, make_official
@@ -49,7 +49,7 @@ def test_it_is_there_only_where_it_is_named(tmp_path, monkeypatch):
 
 def test_it_speaks_for_the_others_as_no_speaker(named, weights, tmp_path):
     assert list_systems(weights)[-2:] == (FILTERED, UNFILTERED)
-    assert list_speakers(weights) == ("ann", "bob")
+    assert shared_speakers(weights) == ("ann", "bob")
     table = FAMILY.card(FILTERED, weights)["speakers"]
     assert table["scott"] == 2 and table["katya"] == 30 and table["ann"] == table["bob"] == 0
     assert "ann" not in FAMILY.card(FILTERED, tmp_path / "empty")["speakers"]
@@ -63,7 +63,7 @@ def test_both_move_by_one_network_for_as_long_as_the_speech(named, tmp_path):
     with pytest.raises(UnknownNameError, match="There is no speaker 'nobody'"):
         smooth.speaker_index("nobody")
     speech = made_speech(48_000)
-    options = GenerateOptions(speaker="scott", samples=2, steps=1)
+    options = GenerateOptions(speaker="scott", num_samples=2, steps=1)
     made_by = {system.name: generate_motion(system, speech, options) for system in (smooth, raw)}
     for first, second in made_by.values():
         assert first.num_frames == second.num_frames == 90

@@ -9,7 +9,7 @@ from model.plan.kinds import KindTable
 from model.systems.planned.config import (
     PLANNED,
     PLANNER,
-    PlannedConfig,
+    PlannedMotionTrainConfig,
     PlannedNetworkConfig,
     PlannerConfig,
     PlannerTrainConfig,
@@ -49,7 +49,9 @@ def make_planned_weights(folder: Path) -> Path:
     network = shaken(PlannedNetwork(TINY_NETWORK, prior))
     statistics = made_components(mean, 0.1).tensors() | {"prior.covariance": prior.covariance}
     statistics |= {"kinds.names": kinds.to_tensors()["kinds.names"]}
-    save_made(folder, PlannedConfig(system=PLANNED, network=TINY_NETWORK), network, statistics)
+    save_made(
+        folder, PlannedMotionTrainConfig(system=PLANNED, network=TINY_NETWORK), network, statistics
+    )
     return folder
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES
-from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
+from model.motion.kinematics import forward_kinematics, open_body_skeleton
 from model.motion.motion import Motion, concatenate
 from model.motion.tracks import track_points, wrist_positions_in_chest_frame
 from model.plan.editing import add_gesture
@@ -54,7 +54,7 @@ def trembling(seed: int = 0, high: float = 0.0) -> Motion:
 
 def joints(motion: Motion) -> np.ndarray:
     trans = torch.from_numpy(motion.trans)
-    return joint_positions_from_local(motion.local_rotations(), BODY, trans)[1].numpy()
+    return forward_kinematics(motion.local_rotations(), BODY, trans)[1].numpy()
 
 
 def poses_of(motion: Motion, which: list[int]) -> np.ndarray:
@@ -68,7 +68,7 @@ def before() -> Motion:
 
 @pytest.fixture(scope="module")
 def after(before) -> Motion:
-    return FootLock(STANDS).hold(before)
+    return FootLock(STANDS).constrain_next(before)
 
 
 def test_a_planted_foot_stays_to_a_tenth_of_a_millimetre_with_its_sole_flat(before, after):
@@ -76,7 +76,7 @@ def test_a_planted_foot_stays_to_a_tenth_of_a_millimetre_with_its_sole_flat(befo
     for path in (right, left[:60], left[75 + 6 :]):
         assert np.abs(path - path[0]).max() < 1e-4
         np.testing.assert_allclose(path[:, 1], ANKLE_M, atol=1e-4)
-    turned, _ = joint_positions_from_local(after.local_rotations(), BODY)
+    turned, _ = forward_kinematics(after.local_rotations(), BODY)
     soles = turned[:, ANKLES, :, 1].numpy()
     np.testing.assert_allclose(soles[:, 1], np.tile([0, 1, 0], (FRAMES, 1)), atol=1e-4)
     assert np.ptp(joints(before)[:, ANKLES[1]], axis=0).max() > 0.02  # it had not
@@ -94,15 +94,15 @@ def test_the_rest_of_the_body_and_feet_that_are_never_planted_are_left_alone(bef
     others = [joint for joint in range(len(JOINT_NAMES)) if joint not in LEG]
     np.testing.assert_array_equal(poses_of(before, others), poses_of(after, others))
     np.testing.assert_array_equal(before.trans[:, [0, 2]], after.trans[:, [0, 2]])
-    assert FootLock(()).hold(before) is before
-    left = FootLock(STANDS[:2]).hold(before)
+    assert FootLock(()).constrain_next(before) is before
+    left = FootLock(STANDS[:2]).constrain_next(before)
     right_leg = [joint for joint in LEG if JOINT_NAMES[joint].startswith("right")]
     np.testing.assert_array_equal(poses_of(before, right_leg), poses_of(left, right_leg))
 
 
 def test_a_body_that_stands_too_high_is_let_down_until_its_legs_reach():
     high = trembling(high=0.1)
-    low = FootLock(STANDS).hold(high)
+    low = FootLock(STANDS).constrain_next(high)
     np.testing.assert_allclose(joints(low)[:, ANKLES[1], 1], ANKLE_M, atol=1e-4)
     assert (high.trans[:, 1] - low.trans[:, 1]).min() > 0.05
 
@@ -111,10 +111,12 @@ def test_a_body_that_stands_too_high_is_let_down_until_its_legs_reach():
 @given(st.lists(st.integers(1, FRAMES - 1), max_size=5, unique=True), st.integers(0, 5))
 def test_feet_in_pieces_of_any_length_are_held_as_in_the_whole(cuts, seed):
     motion = trembling(seed)
-    whole = FootLock(STANDS).hold(motion)
+    whole = FootLock(STANDS).constrain_next(motion)
     held = FootLock(STANDS)
     edges = [0, *sorted(cuts), FRAMES]
-    pieces = concatenate([held.hold(motion.part(slice(*edge))) for edge in pairwise(edges)])
+    pieces = concatenate(
+        [held.constrain_next(motion.part(slice(*edge))) for edge in pairwise(edges)]
+    )
     np.testing.assert_allclose(pieces.poses, whole.poses, atol=1e-6)
     np.testing.assert_allclose(pieces.trans, whole.trans, atol=1e-6)
 
@@ -123,14 +125,14 @@ def test_feet_in_pieces_of_any_length_are_held_as_in_the_whole(cuts, seed):
 def test_a_known_footing_is_kept(before, side):
     stand = FootContact(1.0, 4.0, side)
     held = FootLock((stand,), {stand: FootPlacement(0.3, 0.1, 0.2)})
-    at = joints(held.hold(before))[40:110, JOINT_INDEX[f"{side}_ankle"]]
+    at = joints(held.constrain_next(before))[40:110, JOINT_INDEX[f"{side}_ankle"]]
     np.testing.assert_allclose(at, np.tile([0.3, ANKLE_M, 0.1], (70, 1)), atol=1e-4)
     assert held.placements == {stand: FootPlacement(0.3, 0.1, 0.2)}
 
 
 def test_stands_that_round_to_no_frame_or_lie_behind_the_motion_do_no_harm(before):
     stands = (FootContact(1.0, 1.001, "left"), FootContact(40.0, 50.0, "left"))
-    assert np.isfinite(FootLock(stands).hold(before).poses).all()
+    assert np.isfinite(FootLock(stands).constrain_next(before).poses).all()
 
 
 LONG = 240
@@ -157,7 +159,7 @@ def swayed() -> Motion:
 
 @pytest.fixture(scope="module")
 def led(swayed) -> Motion:
-    return HandGuide(PLAN).lead(swayed)
+    return HandGuide(PLAN).constrain_next(swayed)
 
 
 def off(motion: Motion, side: Side) -> np.ndarray:
@@ -186,8 +188,8 @@ def test_nothing_but_shoulders_and_elbows_turns(swayed, led):
 
 def test_a_hand_that_is_where_it_should_be_stays(led):
     for _ in range(12):
-        led = HandGuide(PLAN).lead(led)
-    again = HandGuide(PLAN).lead(led)
+        led = HandGuide(PLAN).constrain_next(led)
+    again = HandGuide(PLAN).constrain_next(led)
     assert np.abs(again.poses - led.poses).max() < 2e-3
 
 
@@ -195,7 +197,7 @@ def test_places_out_of_reach_leave_the_elbow_a_little_bent(swayed):
     plan = GesturePlan(8.0, right=(phase(0.0, 8.0, "hold", (0.7, 0.5, 0.6)),))
     led = swayed
     for _ in range(4):
-        led = HandGuide(plan).lead(led)
+        led = HandGuide(plan).constrain_next(led)
     shoulder, elbow, wrist = (JOINT_INDEX[f"right_{j}"] for j in ("shoulder", "elbow", "wrist"))
     span = np.linalg.norm(joints(led)[:, wrist] - joints(led)[:, shoulder], axis=1)
     rest = BODY.rest_joints
@@ -204,18 +206,20 @@ def test_places_out_of_reach_leave_the_elbow_a_little_bent(swayed):
 
 
 def test_hands_that_no_plan_tells_of_are_left_alone(swayed):
-    assert HandGuide(GesturePlan(8.0)).lead(swayed) is swayed
-    right = HandGuide(GesturePlan(8.0, right=PLAN.right)).lead(swayed)
+    assert HandGuide(GesturePlan(8.0)).constrain_next(swayed) is swayed
+    right = HandGuide(GesturePlan(8.0, right=PLAN.right)).constrain_next(swayed)
     np.testing.assert_array_equal(poses_of(right, ARMS[:2]), poses_of(swayed, ARMS[:2]))
 
 
 def test_pieces_are_led_as_the_whole(swayed, led):
     hands = HandGuide(PLAN)
-    parts = [hands.lead(swayed.part(slice(a, b))) for a, b in ((0, 52), (52, 60), (60, LONG))]
+    parts = [
+        hands.constrain_next(swayed.part(slice(a, b))) for a, b in ((0, 52), (52, 60), (60, LONG))
+    ]
     np.testing.assert_allclose(concatenate(parts).poses, led.poses, atol=1e-6)
 
 
 def test_what_lies_far_from_a_change_of_the_plan_stays_bit_for_bit(swayed, led):
-    other = HandGuide(add_gesture(PLAN, "you", 4.0, "right").plan).lead(swayed)
+    other = HandGuide(add_gesture(PLAN, "you", 4.0, "right").plan).constrain_next(swayed)
     same = (led.poses == other.poses).all(axis=1)
     assert same[:80].all() and same[180:].all() and not same[100:115].any()

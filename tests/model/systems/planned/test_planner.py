@@ -7,20 +7,20 @@ import pytest
 import torch
 
 from model.generation.base import WindowSpec
-from model.generation.live import LiveMotion, Pace
+from model.generation.live import LiveGenerator, Pace
 from model.generation.windows import GenerateOptions, first_window_spec
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points, wrist_positions_in_chest_frame
-from model.plan.editing import clamp_to_reach
+from model.plan.editing import clamp_goals
 from model.plan.kinds import REST_POSITION
 from model.plan.plan import SIDES, STILL_PHASES, HandPhase, PlanError
 from model.plan.plan_features import (
     TIERS,
     chain_states,
-    coupled_states,
     hand_tracks,
     plan_to_chains,
     plan_tracks,
+    tier_sampling_inputs,
 )
 from model.plan.style import LiveStyle
 from model.systems.planned.config import PLANNED
@@ -56,7 +56,7 @@ def test_what_is_said_later_does_not_change_what_came_before(planner):
     short, long = features(150), features(150)
     long = torch.cat([long, features(60, 9)])
     one, other = (planner.plan(f, draw(4)) for f in (short, long))
-    until_s = (150 - planner.config.context) / 30
+    until_s = (150 - planner.config.context_frames_per_side) / 30
 
     def early(plan):
         return [(p.start_s, p.phase, p.goal) for p in plan.right if p.start_s < until_s]
@@ -69,13 +69,15 @@ def test_shares_are_those_of_slow_counting(planner):
     told = features(2)
     with torch.no_grad():
         around = told[torch.arange(-31, 33).clamp(0, 1)][None]
-        heard = planner.network.speech_states(around, torch.tensor([1]), torch.tensor([True]))
+        heard = planner.network.encode_speech_and_speaker(
+            around, torch.tensor([1]), torch.tensor([True])
+        )
         begun = planner.make_samplers(told, draw(0, guidance=1.0))
         chains = {name: drawer.chain for name, drawer in begun.items()}
         frames = {t.name: chain_states(t, chains[t.name], np.arange(2)) for t in TIERS}
-        seen = torch.from_numpy(coupled_states(frames)["right"])
+        seen = torch.from_numpy(tier_sampling_inputs(frames)["right"])
         head = planner.network.heads["right"]
-        expected = head.events(head.state(heard[0], seen))[1].exp().numpy()
+        expected = head.event_log_probs(head.hidden(heard[0], seen))[1].exp().numpy()
         told_head = head.heard(heard).numpy()
     counts = np.zeros(7)
     for seed in range(500):
@@ -96,7 +98,7 @@ def test_marks_have_the_density_of_a_mixture():
     point = torch.tensor([[0.4, 0.2]])
     slow = 0.0
     for weight, mean, spread in zip(
-        (0.25, 0.75), marks.mean[0].tolist(), marks.spread[0].tolist(), strict=True
+        (0.25, 0.75), marks.mean[0].tolist(), marks.std[0].tolist(), strict=True
     ):
         each = [
             np.exp(-0.5 * ((x - m) / s) ** 2) / (s * np.sqrt(2 * np.pi))
@@ -109,17 +111,17 @@ def test_marks_have_the_density_of_a_mixture():
 def test_losses_are_means_over_frames(planner):
     chains = plan_to_chains(made_plan())
     frames = {t.name: chain_states(t, chains[t.name], np.arange(180)) for t in TIERS}
-    seen = {n: torch.from_numpy(s)[None] for n, s in coupled_states(frames).items()}
+    seen = {n: torch.from_numpy(s)[None] for n, s in tier_sampling_inputs(frames).items()}
     event = {n: torch.from_numpy(f.event)[None] for n, f in frames.items()}
     mark = {n: torch.from_numpy(f.mark)[None] for n, f in frames.items()}
-    speech = features(180 + 2 * planner.config.context)[None]
+    speech = features(180 + 2 * planner.config.context_frames_per_side)[None]
     who, hears = torch.tensor([1]), torch.tensor([True])
     with torch.no_grad():
         losses = planner.network(speech, who, hears, seen, event, mark)
-        heard = planner.network.speech_states(speech, who, hears)
+        heard = planner.network.encode_speech_and_speaker(speech, who, hears)
         head = planner.network.heads["nod"]
-        state = head.state(heard, seen["nod"])
-        logs = head.events(state)[0]
+        state = head.hidden(heard, seen["nod"])
+        logs = head.event_log_probs(state)[0]
         slow = -np.mean([logs[k, e].item() for k, e in enumerate(event["nod"][0].tolist())])
         assert np.isclose(losses["nod"].item(), slow, atol=1e-6)
         at = event["nod"][0].nonzero()[:, 0]
@@ -143,7 +145,7 @@ def test_events_without_torch_are_those_of_the_network(planner):
         state, logs = _Events(head)(heard.numpy(), seen.numpy())
         wanted = torch.nn.functional.silu(heard + head.seen(seen))
         np.testing.assert_allclose(state, wanted.numpy(), atol=1e-5)
-        np.testing.assert_allclose(logs, head.events(wanted).numpy(), atol=1e-5)
+        np.testing.assert_allclose(logs, head.event_log_probs(wanted).numpy(), atol=1e-5)
 
 
 DRAW, HOP, AHEAD, LONG, USUAL = draw(4), 15, 30, 120, LiveStyle()
@@ -244,11 +246,13 @@ def test_sliders_act_on_what_has_not_begun(planner):
         ends = ((at, next(iter(each))) for (_, at), each in found.items())
         return [end - at for at, (end, phase, _) in ends if phase == name]
 
-    seldom, often = (began(planner, SPEECH, LiveStyle(often=times), 60) for times in (0.2, 4.0))
+    seldom, often = (
+        began(planner, SPEECH, LiveStyle(rate_factor=times), 60) for times in (0.2, 4.0)
+    )
     assert len(lengths(seldom, "preparation")) < len(lengths(often, "preparation"))
-    fast, slow = (began(planner, SPEECH, LiveStyle(fast=times), 60) for times in (2.0, 0.5))
+    fast, slow = (began(planner, SPEECH, LiveStyle(speed_factor=times), 60) for times in (2.0, 0.5))
     assert np.mean(lengths(fast, "stroke")) < np.mean(lengths(slow, "stroke"))
-    changed = LiveStyle(large=1.5, high_m=0.1, smile=0.0)
+    changed = LiveStyle(size_factor=1.5, height_offset_m=0.1, smile_factor=0.0)
     plans = []
     for manner in (changed, USUAL):
         stream = StreamingPlanner(planner, DRAW)
@@ -267,7 +271,7 @@ def test_sliders_act_on_what_has_not_begun(planner):
             elif old.phase in ("preparation", "stroke", "beat"):
                 wished = [r + 1.5 * (g - r) for g, r in zip(old.goal, REST_POSITION, strict=True)]
                 goal = (wished[0], wished[1] + 0.1, wished[2])
-                ((reached,), _) = clamp_to_reach([HandPhase(0.0, 1.0, "stroke", goal)])
+                ((reached,), _) = clamp_goals([HandPhase(0.0, 1.0, "stroke", goal)])
                 assert new.goal == pytest.approx(reached.goal, abs=1e-4)
                 compared += 1
     assert compared > 0
@@ -275,17 +279,26 @@ def test_sliders_act_on_what_has_not_begun(planner):
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"often": 9}, {"often": "1"}, {"large": True}, {"more": 1}, [], {"fast": float("nan")}],
+    [
+        {"rate_factor": 9},
+        {"rate_factor": "1"},
+        {"size_factor": True},
+        {"more": 1},
+        [],
+        {"speed_factor": float("nan")},
+    ],
 )
 def test_manners_that_cannot_be_are_refused(wrong):
     with pytest.raises(PlanError):
         LiveStyle.parse(wrong)
-    assert LiveStyle.parse({"often": 2, "high_m": -0.1}) == LiveStyle(often=2.0, high_m=-0.1)
+    assert LiveStyle.parse({"rate_factor": 2, "height_offset_m": -0.1}) == LiveStyle(
+        rate_factor=2.0, height_offset_m=-0.1
+    )
 
 
 def streamed(planned_weights, speech: torch.Tensor, size: int, pace: Pace):
     """The pieces, and what was planned with each: first frame, next frame, plan."""
-    live = LiveMotion(load_system(PLANNED, planned_weights), OPTIONS, pace)
+    live = LiveGenerator(load_system(PLANNED, planned_weights), OPTIONS, pace)
     pieces, aheads = [], []
     for heard in speech.split(size):
         live.add_features(heard)
@@ -298,7 +311,7 @@ def streamed(planned_weights, speech: torch.Tensor, size: int, pace: Pace):
 
 def test_live_motion_hears_nothing_to_come_and_is_as_long_as_what_was_heard(planned_weights):
     speech, other = features(45), torch.cat([features(45), torch.zeros(30, 68)])
-    one, two = (streamed(planned_weights, each, 3, Pace(hop=18))[0] for each in (speech, other))
+    one, two = (streamed(planned_weights, each, 3, Pace(min_hop=18))[0] for each in (speech, other))
     assert sum(piece.num_frames for piece in one) == 36
     for name in ("poses", "trans", "expressions"):
         a, b = (np.concatenate([getattr(p, name) for p in each]) for each in (one, two))
@@ -308,7 +321,7 @@ def test_live_motion_hears_nothing_to_come_and_is_as_long_as_what_was_heard(plan
 
 def test_live_hands_are_led_to_their_plan(planned_weights):
     """Random weights go anywhere; .6 of the way to the plan is gone in closed form."""
-    pieces, aheads = streamed(planned_weights, features(120), 9, Pace(hop=36))
+    pieces, aheads = streamed(planned_weights, features(120), 9, Pace(min_hop=36))
     wished = {side: [] for side in SIDES}
     for first, stop, ahead in aheads:
         tracks = plan_tracks(ahead.condition, stop - ahead.zero_frame).astype(float)
@@ -331,7 +344,7 @@ def test_live_hands_are_led_to_their_plan(planned_weights):
 
 def test_what_performs_no_plans_is_led_by_nobody(weights):
     system = load_system("globaldiff/local", weights)
-    live = LiveMotion(system, GenerateOptions("ann", steps=1), Pace(hop=10, look_ahead=12))
+    live = LiveGenerator(system, GenerateOptions("ann", steps=1), Pace(min_hop=10, look_ahead=12))
     assert live.ahead is None
     with pytest.raises(ValueError, match="takes no condition besides speech"):
         live.set_style(LiveStyle())

@@ -59,7 +59,7 @@ def test_a_plan_given_back_gives_the_same_motion(system, tmp_path):
 
 
 def test_each_sample_performs_a_plan_of_its_own(system):
-    options = replace(OPTIONS, samples=2)
+    options = replace(OPTIONS, num_samples=2)
     plans = draw_conditions(system, SPEECH, options)
     assert plans[0] == draw_conditions(system, SPEECH, OPTIONS)[0] != plans[1]
     motions = generate_motion(system, SPEECH, options)
@@ -87,8 +87,12 @@ def test_chance_moves_the_trunk_more_than_the_arms_and_hides_no_speaker_from_wha
     for joint in ("head", "left_wrist"):
         assert share(joint).max() <= 0.45 + 1e-4 and share(joint).min() >= 0.1 - 1e-4
     hears = torch.tensor([True, True, False])
-    assert system.speaker_inputs(spec, hears).tolist() == [spec.speaker, spec.speaker, 0]
-    assert spec.speaker > 0
+    assert system.speaker_inputs(spec, hears).tolist() == [
+        spec.speaker_index,
+        spec.speaker_index,
+        0,
+    ]
+    assert spec.speaker_index > 0
 
 
 def test_parts_that_do_not_belong_together_are_refused(planned_weights, monkeypatch):
@@ -118,7 +122,7 @@ def test_it_moves_for_as_long_as_the_speech_by_its_plan_and_guidance(planned_wei
 
 def test_what_cannot_be_planned_or_streamed_is_refused(system, weights):
     with pytest.raises(ValueError, match="2 conditions for 3 samples"):
-        replace(OPTIONS, samples=3, conditions=(made_plan(), made_plan()))
+        replace(OPTIONS, num_samples=3, conditions=(made_plan(), made_plan()))
     other = load_system("globaldiff/local", weights)
     with pytest.raises(ValueError, match="takes no condition besides speech"):
         generate_motion(other, SPEECH, replace(OPTIONS, conditions=(made_plan(),)))
@@ -150,18 +154,21 @@ def test_windows_of_plans_are_those_of_their_clips_and_keep_time_with_faster_cop
     data = prepare(annotated_folder, root / "copies", MelEncoder(), augmented_copies=1)
     plans = load_plan_annotations(data, 4)
     clips = data.clips_of_split("train")
-    batch = data.window_batch(clips, 60, 8, np.random.default_rng(0), context=5)
+    batch = data.draw_windows(clips, 60, 8, np.random.default_rng(0), context=5)
     tracks, kinds = plans.tracks_and_kinds(batch, 5)
     assert tracks.shape == (8, 70, 29) and kinds.shape == (8, 70, 2)
-    np.testing.assert_array_equal(tracks[:, 5:-5], plans.tracks[batch.frames])
-    at_start = batch.frames.copy()
+    np.testing.assert_array_equal(tracks[:, 5:-5], plans.tracks[batch.frame_rows])
+    at_start = batch.frame_rows.copy()
     at_start[0] = clips[-1].start + np.arange(60)
-    held, _ = plans.tracks_and_kinds(replace(batch, frames=at_start), 5)
+    held, _ = plans.tracks_and_kinds(replace(batch, frame_rows=at_start), 5)
     np.testing.assert_array_equal(held[0, :6], np.repeat(plans.tracks[[clips[-1].start]], 6, 0))
-    assert set(np.unique(plans.kinds[: data.clips[0].stop])) == {0, plans.table.index_of("offer")}
+    assert set(np.unique(plans.kinds[: data.clips[0].stop])) == {
+        0,
+        plans.kind_table.number_of("offer"),
+    }
     events = plans.events(batch)
     assert events.event["right"].shape == (8, 60)
-    for row, frames in enumerate(batch.frames):
+    for row, frames in enumerate(batch.frame_rows):
         clip = next(k for k, c in enumerate(data.clips) if c.start <= frames[0] < c.stop)
         begins = [b.frame + data.clips[clip].start for b in plans.chains[clip]["right"][1:]]
         expected = [frame in begins for frame in frames]

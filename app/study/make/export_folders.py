@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.run.tasks import Task
+from app.run.tasks import ImportedFunction
 from model.storage.files import write_atomically
 
-EXPORT_STUDY = Task("app.study.export", "export_from_request")
+EXPORT_STUDY = ImportedFunction("app.study.export", "export_from_request")
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class ExportRequest:
     """Paths of the zips: of the participants' part, and of the researcher's with the plan."""
 
 
-class Workspace:
+class ExportFolders:
     """Paths of an export; only the owner can open the researcher's folder."""
 
     def __init__(self, out: Path) -> None:
@@ -37,12 +37,8 @@ class Workspace:
         self.key = self.private / "key.json"
         self.work = self.private / "unfinished"
 
-    def open(self) -> None:
-        """Make the folders, or continue in those of an earlier run.
-
-        Raises:
-            RunError: if the folder holds something else.
-        """
+    def prepare(self) -> None:
+        """Make the folders, or clear unfinished work of an earlier run; raises RunError."""
         out = self.private.parent
         if out.exists() and not out.is_dir():
             raise RunError(f"{out} is a file; name a folder for the study.")
