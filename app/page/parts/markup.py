@@ -248,8 +248,9 @@ def scroll_to_on_click(button: gr.Button, element: gr.HTML) -> None:
     """Scroll to the status of a run on a click; call this before attaching the run to it."""
     button.click(
         None,
-        js=f'() => {{ import(new URL("web/begun.js", document.baseURI))'
-        f'.then(({{ reveal }}) => reveal("{element.elem_id}")); }}',
+        js='() => { const pressed = document.querySelector("button:focus-visible");'
+        'import(new URL("web/begun.js", document.baseURI))'
+        f'.then(({{ reveal }}) => reveal("{element.elem_id}", pressed)); }}',
         api_visibility="private",
     )
 
