@@ -103,7 +103,7 @@ def read_accounts(path: str) -> tuple[tuple[str, str], ...]:
     if not pairs or not all(name and password for name, password in pairs):
         raise RunError(
             f"Every line of {path} must have the form NAME:PASSWORD (# starts a comment), and at "
-            "least one is needed."
+            "least one account is needed."
         )
     return tuple((name, password) for name, password in pairs)
 

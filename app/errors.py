@@ -52,7 +52,7 @@ def message_for_user(error: BaseException) -> str | None:
     if isinstance(error, OSError) and error.errno in _DISK_FULL | _NOT_ALLOWED:
         return _file_sentence(error)
     if isinstance(error, MemoryError):
-        return "The machine ran out of memory; use shorter speech, fewer systems or samples."
+        return "The machine ran out of memory; use shorter speech, or fewer systems or samples."
     return None
 
 

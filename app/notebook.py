@@ -190,7 +190,7 @@ def _write_samples(path: Path, samples: Shaped[np.ndarray, " N *channels"], rate
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Player:
-    """Player of a run as HTML, about 3 MB and 50 kB a second for each body, for notebook cells."""
+    """Player of a run as HTML for notebook cells; about 3 MB plus 50 kB per second of each body."""
 
     html: str
     height: int = HEIGHT_PX

@@ -49,7 +49,7 @@ ADVANCED_LABEL = "Advanced"
 FILTER_LABEL = "Filter the motion of all systems (Savitzky-Golay, 7 frames, order 2)"
 FILTER_HELP = (
     "Off: the raw output of the models. On: filtered before rendering, as in the official code. "
-    "The metrics always include both."
+    "Metrics are always computed for both."
 )
 REFERENCE_LABEL = "Reference motion (.npz, .npy or .bvh, optional)"
 POINT_LABEL = "Tracked point (plots and metrics)"
@@ -57,8 +57,8 @@ TRANSCRIPT_LABEL = "Transcript (.TextGrid, .srt, .vtt or English text as .txt; o
 WORDS_LABEL = "Recognise words"
 WORDS_HELP = (
     "Recognises English words in the speech if no transcript is given. Systems with gesture plans "
-    "(workbench/planned) choose and time gestures by the words: if a run includes one, recognition "
-    "runs before the generation, otherwise after it."
+    "(workbench/planned) choose and time gestures by the words. In runs with such a system, the "
+    "words are recognised before the motion is generated; in other runs, afterwards."
 )
 GENERATE = "Generate motion"
 CANCEL = "Cancel"
@@ -80,7 +80,7 @@ FIGURES = {
     "figure6": FigureText(
         "Fingertip trajectory and poses",
         "Fingertip position over up to 300 frames (10 s), with a pose every 50 frames. A jagged "
-        "line is jitter that is easy to miss in the video. With more than two systems, each has "
+        "line shows jitter that is easy to miss in the video. With more than two systems, each has "
         "its own row.",
         ("trajectory",),
     ),
@@ -184,7 +184,7 @@ LOADING = "Loading the run."
 STARTING = "Starting."
 STARTING_SYSTEMS = "Loading the systems."
 DONE = "Done in {seconds:.0f} s: {rows} of up to {frames} frames (30 fps)."
-VIEWER_VIDEO_STARTING = "Rendering of the viewer video starts as soon as a renderer is free."
+VIEWER_VIDEO_STARTING = "The video of the viewer is rendered as soon as a renderer is free."
 VIEWER_VIDEO_PROGRESS = "Rendering the video of the viewer: {percent:.0f} %."
 VIEWER_VIDEO_DONE = (
     "The video of the viewer is ready: {bodies}, {seconds:.1f} s, {megabytes:.1f} MB."
@@ -224,7 +224,7 @@ MORE_NOTES = "All {count} notes are in run.json of the saved run."
 
 CLIPS_LABEL = "Several clips"
 CLIPS_HELP = (
-    "Up to {count} files of at most {size} each, {max_min:g} minutes in total. They make one run "
+    "Up to {count} files of at most {size} each, {max_min:g} minutes in total. They form one run, "
     "with one table row per clip and a summary with confidence intervals over clips. No videos are "
     "rendered. The speech above, if any, is included."
 )

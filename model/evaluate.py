@@ -2,11 +2,11 @@
 
 - ``motion``, the default: metrics of generated motion compared with the recorded motion of the same
   clips, distances of their distributions, and the effect of matched against mismatched speech. Each
-  value has a bootstrap interval over clips of the test split, of speakers the weights know. Writes
-  ``evaluation.json``, ``.md``, ``.csv`` and ``.tex``. Clips are distributed over processes or a
-  Dask cluster; the numbers of each are stored in ``clips``; the same command resumes.
-- ``adherence``: does a system follow its plan? Writes the file ``OUT``, as the next does.
-- ``finding``: how well are plans detected in motion?
+  value has a bootstrap interval over the test clips of speakers on which all systems were trained.
+  Writes ``evaluation.json``, ``.md``, ``.csv`` and ``.tex``. Clips are distributed over processes
+  or a Dask cluster. Metrics of finished clips are stored in ``clips``; the same command resumes.
+- ``adherence``: does a system follow its plan? Writes the file ``OUT``.
+- ``finding``: how well are plans detected in motion? Writes the file ``OUT``.
 """
 
 import argparse
@@ -44,7 +44,7 @@ from model.evaluation.clips import (
     pelvis_centred_positions,
     read_trimmed_recording,
 )
-from model.evaluation.plan_detection import evaluate_detection
+from model.evaluation.plan_detection import running_detection_scores
 from model.generation.base import System
 from model.metrics import beats
 from model.metrics.protocols.table import WORKBENCH, protocol_of
@@ -80,7 +80,9 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("protocol", nargs="?", choices=PROTOCOLS, default="motion")
     parser.add_argument("--data", type=Path, required=True, help="folder in BEAT2's layout")
-    parser.add_argument("--out", type=Path, required=True, help="a folder, or FILE.json")
+    parser.add_argument(
+        "--out", type=Path, required=True, help="folder (motion) or FILE.json (adherence, finding)"
+    )
     parser.add_argument("--weights", type=Path, default=BUNDLED_WEIGHTS)
     parser.add_argument(
         "--clips", type=int, help="number of clips (default: all; for adherence: 20)"
@@ -144,7 +146,7 @@ def _plans(args: argparse.Namespace) -> None:
             args.data, args.weights, args.clips or 20, args.edits, args.seed
         )
     else:
-        answers = evaluate_detection(args.data, args.clips, args.fit)
+        answers = running_detection_scores(args.data, args.clips, args.fit)
     plans = {}
     for plans in tqdm(answers, desc="clips", unit="clip"):
         content = {"protocol": WORKBENCH, **plans}  # what there is so far

@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument(
         "--set", action="append", default=[], metavar="FIELD=VALUE", dest="settings",
-        help="another value of one of the config's fields, e.g. steps=500; can be repeated",
+        help="set a field of the config, for example steps=500; can be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--helpers",
@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
         help="begin with the weights of this folder and a fresh optimizer",
     )
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--no-compile", action="store_true", help="never compile the step")
+    parser.add_argument("--no-compile", action="store_true", help="do not compile training steps")
     parser.add_argument(
         "--resume", action="store_true", help="continue from the state saved in --out"
     )

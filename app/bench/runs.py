@@ -122,7 +122,7 @@ def time_features_and_generation(clip: Path) -> list[BenchResult]:
         title = f"generation, {system.name}, {steps} steps"
         figures.append(BenchResult(title, each, "ms/frame", "at most 4"))
     each = measure_ms_per_frame(systems[-1], speech, systems[-1].samplers[0].default_steps, SAMPLES)
-    title = f"one of {SAMPLES} samples, {systems[-1].name}"
+    title = f"generation, {systems[-1].name}, per sample of {SAMPLES}"
     return [*figures, BenchResult(title, each, "ms/frame", "at most 2")]
 
 

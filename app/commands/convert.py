@@ -44,8 +44,8 @@ class ConvertRequest:
     """File format for a folder of outputs."""
     import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
     body: File = field(default_factory=body_from_environment)
-    """A character (.vrm, .glb), into which .glb output is written; or a licensed
-    SMPLX_NEUTRAL*.npz, which gives the mean hand pose, and the skeleton of .bvh and .glb."""
+    """A character (.vrm, .glb), to which .glb output adds the motion; or a licensed
+    SMPLX_NEUTRAL*.npz, which defines the mean hand pose, and the skeleton of .bvh and .glb."""
     flame_to_arkit_matrix: Annotated[File, arg(name="flame-to-arkit")] = None
     """BEAT2's mat_final.npy, to convert FLAME face coefficients to ARKit weights."""
     prints_json: Annotated[bool, arg(name="json")] = False
@@ -55,8 +55,8 @@ class ConvertRequest:
 def convert(request: Annotated[ConvertRequest, arg(name="")]) -> None:
     """Convert motion files to BEAT2 npz, BVH, glTF or VRMA.
 
-    Files are written as they were interpreted: at 30 frames per second, in metres, y up, hands
-    relative to the flat hand, 55 joints. The assumptions are reported. Files that cannot be read
+    Motions are converted to 55 joints at 30 frames per second, in metres, y up, with hand rotations
+    relative to the flat hand. Assumptions about the files are reported. Files that cannot be read
     are reported and skipped (exit status 1).
     """
     written = convert_files(request)

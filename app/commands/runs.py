@@ -205,7 +205,8 @@ def _check_sets(request: DiagnoseRequest) -> None:
 def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
     from app.run.batch.motion_sets import diagnose_folders
 
-    refuse_ignored(request, _OF_ONE, "For folders, only metrics over clips are computed")
+    why = "For folders, only metrics over all clips are written, as tables and distributions"
+    refuse_ignored(request, _OF_ONE, why)
     with ProgressBars() as shown, _report_interruption():
         result = diagnose_folders(request, partial(shown.update, "measure clips"), pool)
     _finish(result.files, result.notes)
@@ -255,11 +256,12 @@ def rotation_noise(request: Annotated[RotationNoiseRequest, Flat]) -> None:
 def plan(request: Annotated[PlanRequest, Flat]) -> None:
     """Write a gesture plan, sampled from speech or detected in a motion, for `generate --plan`.
 
-    From speech, no motion is generated. The plan contains what each hand does, when, where and on
-    which word; gaze, nods, brows, smiles, blinks and shifts of weight. It can be edited by
-    hand, in Praat or in ELAN (docs/plans.md): --out ends in .json, .TextGrid or .eaf. From a motion
-    file (.npz, .npy, .bvh), the phases are detected automatically, without gesture forms and
-    words; check them in ELAN, as the accuracy on recorded people is unknown.
+    From speech, no motion is generated. The plan describes what each hand does, when, where and on
+    which word, and also gaze, nods, brows, smiles, blinks and shifts of weight. It can be edited as
+    text, in Praat or in ELAN (docs/plans.md); the suffix of --out (.json, .TextGrid or .eaf)
+    selects the format. From a motion file (.npz, .npy, .bvh), the phases are detected
+    automatically, without gesture forms and words; check them in ELAN, as the accuracy on recorded
+    people is unknown.
     """
     from app.run.generated_motions import (
         has_motion_suffix,
@@ -300,7 +302,8 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
         why = f"A {request.suffix} file has no sound, camera or tracked point"
         refuse_ignored(request, ignored, why)
     if request.suffix not in (".obj", ".ply"):
-        refuse_ignored(request, ("mesh_frame",), "Only .obj and .ply files contain a single frame")
+        why = "Only a .obj or .ply file is made from one chosen frame"
+        refuse_ignored(request, ("mesh_frame",), why)
     if request.is_video_or_picture or request.suffix in (".obj", ".ply"):
         refuse_ignored(request, ("plan",), f"A {request.suffix} file cannot contain a plan")
     with ProgressBars() as shown:

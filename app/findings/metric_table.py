@@ -96,7 +96,7 @@ METRICS = (
             "recorded clips.",
             lambda m: mean_over_joints(m.rotations.joint_rotation_noise_deg),
             required_parts=("detail",)),
-    Metric("seam_jerk_ratio", _JOINTS, "Seam jerk ratio", "times elsewhere",
+    Metric("seam_jerk_ratio", _JOINTS, "Seam jerk ratio", "",
             "Peak jerk at window seams relative to the rest of the clip. 1 means that seams do not "
             "stand out.",
             lambda m: m.seams.seam_jerk_ratio, is_primary=True, required_parts=("detail",)),
@@ -120,7 +120,8 @@ METRICS = (
             "Distance between the mean pelvis positions in the first and in the last second.",
             lambda m: m.posture.root_drift_m, 100, required_parts=("place",)),
     Metric("hand_speed_correlation", _HANDS, "Correlation of hand speeds", "r",
-            "Correlation of the speeds of both wrists. 1 means that they always move together.",
+            "Correlation between the speeds of the two wrists. 1 means that both always speed up "
+            "and slow down together.",
             lambda m: m.posture.hand_speed_correlation),
     Metric("finger_limit_violations_percent", _HANDS, "Finger joint-limit violations", "%",
             "Share of finger-joint angles, over all frames, that are beyond the human range.",
@@ -155,8 +156,8 @@ METRICS = (
             lambda m: m.beats and m.beats.beat_align_chance, 1, False, is_primary=True,
             partner_key=_BEATS_KEY),
     Metric("beats_per_joint_s", _BEATS, "Motion beats per joint", "1/s",
-            "Number of local minima of a joint's speed per second, mean over joints. These motion "
-            "beats are not beat gestures.",
+            "How many times per second a joint's speed has a local minimum, mean over joints. "
+            "These motion beats are not beat gestures.",
             lambda m: m.beats and m.beats.beats_per_joint_s),
     Metric("lag_s", _STEP, "Lag", "s",
             "Delay of the face behind the speech, or of the body if the face does not follow the "

@@ -136,11 +136,11 @@ def _seams(diagnostics: Diagnostics, raw: Table) -> str:
     if not values.keys() - {REFERENCE_NAME} or diagnostics.windows is None:
         return ""
     names = _with_finding(diagnostics, "seams")
-    motions = f"in {join_names(names)}" if names else "in no motion"
+    motions = join_names(names) if names else "none"
     return (
         f"Peak jerk at window seams (every {diagnostics.windows.advance} frames) divided by the "
-        f"peak jerk elsewhere: {format_means(values)}. Jerk that repeats at the seams is "
-        f"significant {motions}."
+        f"peak jerk elsewhere: {format_means(values)}. Motions with jerk that "
+        f"recurs significantly at the seams: {motions}."
     )
 
 
@@ -189,8 +189,8 @@ def _lag_sentence(diagnostics: Diagnostics) -> str:
     """Describe the lag of each motion behind the speech."""
     lags = {name: versions.raw.lag for name, versions in diagnostics.all_motions.items()}
     sentences = [
-        f"{name} {lag.lag_s:z.2f} s (95 % interval {lag.lag_low_s:z.2f} to {lag.lag_high_s:z.2f}, "
-        f"measured from the {lag.lag_source})"
+        f"{name} {lag.lag_s:z.2f} s (95 % confidence interval {lag.lag_low_s:z.2f} to "
+        f"{lag.lag_high_s:z.2f}, measured from the {lag.lag_source})"
         for name, lag in lags.items()
         if lag is not None and lag.is_detected
     ]

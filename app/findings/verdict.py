@@ -184,7 +184,7 @@ def _worse(table: Table, system: str, other: str) -> list[str]:
         if ratio is not None and ratio.low is not None and ratio.low > 1.0 and not ratio.is_similar:
             more, less = (format_two_digits(mean(values[name])) for name in (system, other))
             if more != less:
-                numbers = f"{more} against {less} {row.unit}".replace(" °", "°")
+                numbers = f"{more} against {less} {row.unit}".replace(" °", "°").strip()
                 worse.append(f"{row.title.lower()} ({numbers})")
     return worse
 

@@ -35,7 +35,7 @@ MACHINE_FULL = (
     "Try again in a few minutes."
 )
 FULL_EACH = (
-    "Your network address already has {limit} live sessions, the most that are allowed. Try again "
+    "Your network address already has {limit} live sessions; the limit is {limit}. Try again "
     "when one has ended."
 )
 TAKEN_OVER = "The live session continues in another tab of this browser."

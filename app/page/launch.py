@@ -280,9 +280,9 @@ def check_port(config: AppConfig) -> None:
 
 def claim_temp_folder(config: AppConfig) -> AppConfig:
     """Claim a temporary folder, set TMPDIR and signal handlers; return the new configuration."""
-    from app.page.visitors.job_folders import claim_folder
+    from app.page.visitors.job_folders import make_process_folder
 
-    temp = claim_folder(config.temp_folder)
+    temp = make_process_folder(config.temp_folder)
     scratch = temp / "scratch"
     scratch.mkdir(mode=0o700)
     os.environ["TMPDIR"] = str(scratch)  # for temporary files of libraries and child processes

@@ -46,7 +46,7 @@ class Display:
     has_trail: Annotated[bool, arg(name="trail", help_behavior_hint=_trail_hint)] = False
     """Trajectory of the tracked point over the last second in videos, coloured by its speed."""
     coloring: Annotated[Coloring, arg(name="color")] = "natural"
-    """Colour of the body; jerk colours each body region by its jerk."""
+    """Colour of the body: natural, or by the jerk of each body region."""
     cutoff_hz: Suppress[float] = 5.0
     """Frequency (Hz) above which motion counts as jitter."""
     trail_frames: Suppress[int] = 30

@@ -319,7 +319,7 @@ def _options(
     if sampler not in (None, *samplers):
         raise RunError(f"There is no sampler {sampler!r}; choose one of {', '.join(samplers)}.")
     if guidance not in (None, 1) and all(each.guidance is None for each in systems):
-        raise RunError("None of these systems supports guidance; remove it.")
+        raise RunError("None of these systems supports guidance; remove the guidance scale.")
     options: dict[str, GenerateOptions] = {}
     for system in systems:
         performs = _performs(system)

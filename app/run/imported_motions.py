@@ -51,7 +51,8 @@ from model.speech.audio import Speech, SpeechReadOptions, load_speech
 from renderer.body.body import Body
 
 NO_SPEECH = (
-    "Aligning words needs the speech: add it (--speech), or give a TextGrid with word times."
+    "Recognising words, or aligning a transcript without word times, needs the speech; add it "
+    "(--speech), or give a TextGrid with word times."
 )
 
 

@@ -45,7 +45,7 @@ from app.run.requests.requests import (
 )
 from app.run.run_writer import RunMotions, RunWriter, open_run_writer
 from app.run.tasks import RunResult
-from app.run.timeline import TranscriptLoader, read_transcript_of_run, with_snaps
+from app.run.timeline import TranscriptLoader, read_transcript_of_run, with_joint_snaps
 from app.run.videos.videos import (
     Snapshots,
     choose_compared_motions,
@@ -221,7 +221,7 @@ def _mark_snaps(
     run: RunWriter,
 ) -> RunMotions:
     """Mark in the timeline where motions snap."""
-    timeline = with_snaps(motions.timeline, diagnostics.findings)
+    timeline = with_joint_snaps(motions.timeline, diagnostics.findings)
     if timeline != motions.timeline:
         run.write_timeline(timeline, transcript_loader.provided)
     return replace(motions, timeline=timeline)

@@ -71,7 +71,7 @@ def worst_seconds(
     return worst
 
 
-def with_snaps(
+def with_joint_snaps(
     timeline: Mapping[str, Any],
     findings: Mapping[str, Sequence[Finding]],
     count: int = NUM_WORST_SECONDS,

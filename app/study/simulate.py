@@ -73,8 +73,9 @@ def simulate(
         raise RunError(f"The seed must not be negative; got {seed}.")
     if set(strengths) != set(key.systems):
         raise RunError(
-            "--strengths must give a number for each system and no others: "
-            f"{', '.join(key.systems)}; got {', '.join(strengths) or 'none'}."
+            "--strengths must name each system of the study "
+            f"({', '.join(key.systems)}) once, and nothing else; got "
+            f"{', '.join(strengths) or 'none'}."
         )
     for name, value in strengths.items():
         if not (math.isfinite(value) and abs(value) <= MAX_LOG_STRENGTH):

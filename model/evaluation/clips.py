@@ -127,7 +127,7 @@ RATIOS = (
 )
 """Metrics that are also shown as ratios to those of the recorded clips."""
 ROWS_FORMAT = 4
-"""Format version of `save_rows`; it changes with the content."""
+"""Format version of `save_clip_rows`; it changes with the content."""
 PAIRWISE_FRAMES = 300
 """Frames of each clip in pairwise distances: the first 10 s."""
 
@@ -242,7 +242,7 @@ class ClipContext:
         return ClipRow(measures | self.wrist_loudness_correlations(positions), arrays)
 
 
-def save_rows(path: Path, rows: dict[str, ClipRow]) -> None:
+def save_clip_rows(path: Path, rows: dict[str, ClipRow]) -> None:
     """Write a clip's rows atomically."""
     arrays = {
         f"{name}|{part}|{key}": value
@@ -255,7 +255,7 @@ def save_rows(path: Path, rows: dict[str, ClipRow]) -> None:
 
 
 def load_rows(path: Path) -> dict[str, ClipRow]:
-    """Read the rows that `save_rows` wrote."""
+    """Read the rows that `save_clip_rows` wrote."""
     rows: dict[str, ClipRow] = {}
     with np.load(path, allow_pickle=False) as archive:
         for place, value in archive.items():
@@ -325,7 +325,7 @@ class ClipEvaluator:
             other_metrics = self.speaker_comparison.few_clip_metrics(system, name, speech, sampling)
             other_metrics |= self._speaker_metrics(motions, name)
             rows[system.name] = context.row(motions, foreign_speech_motions, other_metrics)
-        save_rows(out, rows)
+        save_clip_rows(out, rows)
 
     def _speaker_metrics(self, motions: Sequence[Motion], name: str) -> dict[str, float]:
         judge = self.speaker_classifier

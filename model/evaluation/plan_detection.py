@@ -242,10 +242,10 @@ def _duration_statistics(clips: Sequence[Sequence[tuple[int, float]]]) -> dict[s
     }
 
 
-def evaluate_detection(
+def running_detection_scores(
     folder: Path, clips: int | None, trains_first: bool
 ) -> Iterator[dict[str, dict[str, float]]]:
-    """Run the protocol; yields the results of all clips so far by metric after each clip."""
+    """Yield, after each clip, the scores of all clips so far by metric."""
     total: defaultdict[str, DetectionCounts] = defaultdict(DetectionCounts)
     speakers: defaultdict[str, DetectionCounts] = defaultdict(DetectionCounts)
     split = read_split(folder)
@@ -258,9 +258,9 @@ def evaluate_detection(
         counts = detection_counts_by_metric(
             plan_from_motion(motion, open_body_skeleton()), annotated
         )
-        for question, one in counts.items():
-            total[question] += one
+        for metric, one in counts.items():
+            total[metric] += one
         speakers[parse_speaker(name)[1]] += counts["strokes"]
         by_speaker = {name: round(one.f1, 3) for name, one in sorted(speakers.items())}
-        answers = {question: one.as_json() for question, one in total.items()}
+        answers = {metric: one.as_json() for metric, one in total.items()}
         yield {**answers, "f1 of strokes": by_speaker}

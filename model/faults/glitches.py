@@ -202,8 +202,8 @@ def upsampled_rate(analysed: AnalysedMotion) -> Iterator[Finding]:
         return
     yield Finding(
         "Every second frame is interpolated or repeated: the motion seems to have been upsampled "
-        f"to 30 fps from 15 fps or less (movement, or its change, in these frames is "
-        f"{100 * ratio:.0f} % of that in the other frames). It cannot contain jitter above 7.5 "
+        f"to 30 fps from 15 fps or less (the median angular speed of these frames, or its change, "
+        f"is {100 * ratio:.0f} % of that of the other frames). It cannot contain jitter above 7.5 "
         "Hz.",
         {"change_ratio": ratio},
         limit_ratio=HALF_RATE / max(ratio, 0.01),

@@ -178,8 +178,8 @@ def finger_joint_limits(analysed: AnalysedMotion) -> Iterator[Finding]:
         [f"{point_label(name)} ({100 * by_joint[name]:.0f} %)" for name in worst if by_joint[name]]
     )
     yield Finding(
-        f"Fingers bend beyond human joint limits in {100 * share:.1f} % of all frames and "
-        f"finger joints; most often the {named}.",
+        f"Over all frames, {100 * share:.1f} % of the finger-joint angles are beyond the human "
+        f"range, most often those of the {named}.",
         {
             "outside_share": share,
             "joints": {name: by_joint[name] for name in worst if by_joint[name]},

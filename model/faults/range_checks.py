@@ -168,7 +168,7 @@ JERK = RangeCheck(
 )
 HIGH_FREQUENCY = RangeCheck(
     "high_frequency",
-    "share of the wrists' power above 5 Hz",
+    "share of the wrists' velocity power above 5 Hz",
     "%",
     wrist_high_frequency_share,
     long_clips=NaturalRange(0.0013, 0.011, 7.0, 0.0008, 0.015, LONG),

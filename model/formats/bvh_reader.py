@@ -142,8 +142,8 @@ class _Skeleton(JointTree):
         up, across, hang = self.body_axes(joint_map)
         if hang < 0.5:
             raise MotionError(
-                f"{self.source}: the legs are not below the trunk, neither in the rest pose nor in"
-                " the first frame, so the limbs cannot be mapped to SMPL-X. Put a T-pose or A-pose"
+                f"{self.source}: the legs are below the trunk neither in the rest pose nor in the"
+                " first frame, so the limbs cannot be mapped to SMPL-X. Put a T-pose or A-pose"
                 " into the first frame (or use Apply Pose as Rest Pose in Blender)."
             )
         y = nearest_axis(up)
@@ -301,7 +301,7 @@ def _scale(places: Float[np.ndarray, "J 3"], joint_map: JointMap, draft: MotionD
     scale = length(rest[[JOINT_INDEX[part] for part in parts]]) / max(theirs, 1e-9)
     is_ours = abs(scale - 1.0) < 0.005
     unit = min(METRES, key=lambda each: abs(np.log(METRES[each] / scale)))
-    reason = f"lengths were multiplied by {scale:.3g} to make its {limb} as long as SMPL-X's"
+    reason = f"lengths were multiplied by {scale:.3g} to make the {limb} as long as SMPL-X's"
     unit_name = draft.resolve("units", unit, reason, "sure", tuple(METRES), is_ours)
     if "units" in draft.overrides:
         return METRES[unit_name]

@@ -91,7 +91,7 @@ class _Reader:
                 self._at = match.end()
                 return
             yield match[0][:MAX_WORD]
-        raise self._error("there is no MOTION")
+        raise self._error("there is no MOTION section")
 
     def _lines(self) -> Iterator[str]:
         """Yield the remaining lines that are not empty."""
@@ -142,7 +142,7 @@ class _Reader:
                 case _:
                     raise self._error(f"{word[:40]!r} is none of ROOT, JOINT, OFFSET, CHANNELS")
             if len(joints) > MAX_JOINTS:
-                raise self._error(f"it has over {MAX_JOINTS} joints")
+                raise self._error(f"it exceeds the limit of {MAX_JOINTS} joints")
         if not joints:
             raise self._error("it has no joints")
         return joints

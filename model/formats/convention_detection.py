@@ -161,11 +161,11 @@ def _hands(draft: MotionDraft, mean_hands: Float[np.ndarray, "30 3"] | None) -> 
         value = "flat" if is_flat else "mean"
         confidence = "unsure" if bend > CURL_OFFSET and moves else "likely"
         reason = (
-            f"fingers bend by {bend:z.2f} rad, as if relative to the flat hand, although files of"
-            " this layout are usually relative to the mean hand pose"
+            f"fingers bend by {bend:z.2f} rad, as if relative to the flat hand, although hands in"
+            " files of this layout are usually relative to the mean hand pose"
             if is_flat
-            else "files of this layout are relative to the mean hand pose, and the bend of the "
-            "fingers agrees"
+            else "hands in files of this layout are usually relative to the mean hand pose, and "
+            "the bend of the fingers is consistent with it"
         )
     elif draft.hand_reference_prior == "unknown" and moves and bend < CURL_OFFSET and thumbs < 0.05:
         value, confidence = "mean", "unsure"

@@ -258,7 +258,7 @@ def _rotation_format_6d(
 
     forms = ROTATION_FORMATS[6]
     if orthonormality_error(rows[..., _INTERLEAVED_6D]) < 0.5 * orthonormality_error(rows):
-        reason = "they are orthonormal only as two interleaved columns"
+        reason = "the numbers are orthonormal only as two interleaved columns"
         return Assumption("rotations", "6d-interleaved", reason, "sure", forms)
     natural = natural_bend_score(_decoded(rows, "6d", name), joints)
     form, reason = "6d", "as the first two rows, joints bend as a person's do"

@@ -691,7 +691,7 @@ class _Archive:
             return
         betas = self._numbers(self.key_by_plain_name["betas"]).reshape(-1, shape[-1])[0]
         if not np.isfinite(betas).all() or np.abs(betas).max() > MAX_ABS_VALUE:
-            draft.assume("shape", "mean", "`betas` has values that are not finite or too large")
+            draft.assume("shape", "mean", "`betas` has values that are NaN, infinite or too large")
             return
         draft.betas[: len(betas)] = betas
         if len(shape) > 1:

@@ -202,8 +202,8 @@ class MotionConstraint(Protocol):
         """Apply the condition to the frames after those of the last call."""
         ...
 
-    def set_condition(self, streamed: Any, first_frame: int) -> None:
-        """Continue with another condition, in which the next frame is ``first_frame``."""
+    def set_condition(self, streamed: Any, next_frame_in_condition: int) -> None:
+        """Continue with another condition, in which the next frame has this index."""
         ...
 
     def state(self) -> dict[str, Tensor]:

@@ -85,8 +85,7 @@ def measure_error_growth(
     chain = kinematic_chain(point)
     if not chain:
         raise ValueError(
-            f"The {point_label(point)} does not depend on joint rotations; track a point further "
-            "from the pelvis."
+            "Joint rotations do not move the pelvis; track another joint, such as a wrist."
         )
     skeleton = RestSkeleton(skeleton.rest_joints.double(), skeleton.tip_offsets.double())
     joints = list(chain)

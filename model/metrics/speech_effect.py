@@ -62,7 +62,7 @@ class SharedInputCorrelations:
         return self.same_noise - self.neither
 
 
-def arm_angular_speed_deg_s(motion: Motion) -> Float[np.ndarray, " T1"]:
+def arm_angular_speed_sum_deg_s(motion: Motion) -> Float[np.ndarray, " T1"]:
     """Compute the smoothed sum of the angular speeds of both shoulders and elbows (degrees/s)."""
     return _smooth(angular_speed_sum(motion, ARMS))
 
@@ -87,7 +87,7 @@ def _jaw(motion: Motion) -> Float[np.ndarray, " T"]:
 
 
 TRACK_FUNCTIONS: Mapping[str, Callable[[Motion], np.ndarray | None]] = {
-    "arms": arm_angular_speed_deg_s,
+    "arms": arm_angular_speed_sum_deg_s,
     "head": lambda motion: _smooth(head_angular_speed_rad_s(motion)),
     "brows": _brows,
     "jaw": _jaw,

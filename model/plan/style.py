@@ -299,7 +299,7 @@ def parse_style(content: Mapping[str, Any]) -> StyleChange:
     keys = (*_NUMBERS, "times", "excite", "wrong_words")
     unknown = sorted(set(content) - set(keys))
     if unknown:
-        raise PlanError(f"a style has no {unknown[0][:40]!r}; it may have {', '.join(keys)}.")
+        raise PlanError(f"{unknown[0][:40]!r} is not a style key; use {', '.join(keys)}.")
     times = content.get("times", {})
     if not isinstance(times, Mapping) or set(times) - set(_TIMES):
         raise PlanError(f"`times` must be a table with keys from {', '.join(_TIMES)}.")

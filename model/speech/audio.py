@@ -357,7 +357,7 @@ class _TimestampRepairs:
     """Lengths of the gaps that were filled with silence, in their order."""
     num_dropped: int = 0
     """Number of samples dropped because their time had already passed."""
-    is_gap_open: bool = False
+    is_last_gap_continued: bool = False
     """True if silence that follows continues the last gap."""
 
 
@@ -375,11 +375,11 @@ def _drain(stream: IO[bytes], log: bytearray, repairs: _TimestampRepairs) -> Non
             count = int(moved[2])
             if moved[1] == b"discarding":
                 repairs.num_dropped += count
-            elif repairs.is_gap_open:
+            elif repairs.is_last_gap_continued:
                 repairs.gap_lengths[-1] += count
             else:
                 repairs.gap_lengths.append(count)
-            repairs.is_gap_open = moved[1] == b"adding" and count == _STEP
+            repairs.is_last_gap_continued = moved[1] == b"adding" and count == _STEP
 
 
 _LATE_FORMATS = re.compile(r"^Input #0, mpeg(?:ts)?,", re.MULTILINE)

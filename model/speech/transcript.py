@@ -115,7 +115,8 @@ class WordsFile:
         )
         if num_beyond := len(whole.words) - len(words):
             note += (
-                f" {num_beyond} of its {len(whole.words)} words lie after the end and are left out."
+                f" {num_beyond} of its {len(whole.words)} words lie after the end of the speech "
+                "and are left out."
             )
         gestures = {name: _before(speech_s, rows) for name, rows in whole.gestures.items()}
         transcript = replace(
@@ -181,7 +182,7 @@ def read_words_file(path: str | Path) -> WordsFile:
                 )
         case _:
             raise TranscriptError(
-                f"{name} is not a TextGrid, and its suffix is none of those of word files "
+                f"{name} is not a TextGrid and has none of the suffixes of word files "
                 f"({', '.join(ENDINGS)})."
             )
     words_file = WordsFile(text=_plain(text, name)) if rows is None else _of_rows(rows, name)

@@ -106,7 +106,9 @@ def parse_recogniser_json(
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict):
-        raise error(f"{name} is not JSON of Whisper, WhisperX or Gentle, with words or segments.")
+        raise error(
+            f"{name} is not a JSON file of Whisper, WhisperX or Gentle with words or segments."
+        )
     segments = list(_dicts(content.get("segments")))
     words = [word for segment in segments for word in _dicts(segment.get("words"))]
     has_words = bool(words) and all(

@@ -18,7 +18,7 @@ alias can be given by either name."""
 MAX_TEXT = 2000
 """Longest text of a field in characters."""
 Text = Annotated[str, Field(min_length=1, max_length=MAX_TEXT)]
-NO_JSON = "it is not a whole JSON file (cut off or damaged)"
+NO_JSON = "it is not a valid JSON file (cut off or damaged)"
 _UNKNOWN = "unexpected_keyword_argument", "extra_forbidden"
 T = TypeVar("T")
 
@@ -42,7 +42,7 @@ def read_json(path: Path, kind: type[T], max_bytes: int) -> T:
             f"it cannot be read ({error.strerror or 'unknown reason'})"
         ) from error
     if len(content) > max_bytes:
-        raise InvalidJsonError(f"it is larger than the {max_bytes:,} bytes that are read")
+        raise InvalidJsonError(f"it is larger than the limit of {max_bytes:,} bytes")
     return parse_json(content, kind)
 
 
@@ -76,6 +76,6 @@ def _why(error: ValidationError) -> str:
     if first["type"] == "missing":
         return f"{name} is missing"
     if first["type"] in _UNKNOWN:
-        return f"there is no key {name}"
+        return f"{name} is not a known key"
     rule = first["msg"][0].lower() + first["msg"][1:]
     return f"{name} cannot be {reprlib.repr(first['input'])}: {rule}"

@@ -193,7 +193,7 @@ def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> "System":
         if family in _BUNDLED or isinstance(error, CheckpointError):
             raise
         raise FamilyUnavailableError(
-            f"{name} cannot be loaded because its package {family.package} fails: "
+            f"{name} cannot be loaded because the code of {family.package} failed: "
             f"{type(error).__name__}: {error}"
         ) from error
 

@@ -145,14 +145,14 @@ class Body(BodyArrays):
         if motion.expression_basis != self.expression_basis and motion.expressions.any():
             notes.append(
                 f"Facial expressions are left out: the motion has {motion.expression_basis} "
-                f"coefficients, and {self.name} needs {self.expression_basis}; the jaw and eyes "
-                "still move."
+                f"coefficients, and the body ({self.name}) needs {self.expression_basis}; the jaw "
+                "and eyes still move."
             )
         if motion.betas[num_betas:].any():
             notes.append(
-                f"{self.name} has {num_betas} betas; the motion's other betas are left out."
+                f"The body ({self.name}) has {num_betas} betas; the motion's others are left out."
                 if num_betas
-                else f"The body shape (betas) is left out: {self.name} has only one shape."
+                else f"The motion's betas are left out: the body ({self.name}) has only one shape."
             )
         return tuple(notes)
 

@@ -229,7 +229,9 @@ class _Character:
         ours = {name: self._rest[index] for name, index in JOINT_INDEX.items()}
         scale = length(ours) / length({name: self._origins[at] for name, at in self.bones.items()})
         if not 1e-6 < scale < 1e6:
-            raise BodyError(f"The limbs of {self._gltf.name} have no length.")
+            raise BodyError(
+                f"The limbs of {self._gltf.name} cannot be scaled to human length; export it again."
+            )
         return np.stack([x, y, np.cross(x, y)]), scale
 
     def _owners(self) -> list[int]:
@@ -435,8 +437,8 @@ class _Character:
             remarks[0] += f"; joints without a bone do not move: {join_names(shown)}"
         remarks.append(shapes.remark)
         remarks.append(
-            "It keeps its own proportions, so a hand may miss the body where the motion touches "
-            "it; metrics are computed on the standard skeleton"
+            "It keeps its own proportions, so a hand that touches the body in the motion may miss "
+            "it here; metrics are computed on the open body's skeleton"
         )
         if num_missing:
             remarks.append(

@@ -26,7 +26,8 @@ _COLUMNS = 3
 DISTRIBUTIONS_CAPTION = (
     "Each curve shows the share of clips at or below a value; a curve further to the right means "
     f"larger values. Each x axis ends at the {AXIS_PERCENTILE:g}th percentile of the panel's "
-    "values; a curve that does not reach 1 has clips with larger values. The motion is unfiltered."
+    "values; a curve that does not reach 1 has clips with values beyond the axis. The motion is "
+    "unfiltered."
 )
 
 
@@ -239,7 +240,7 @@ def draw_speech_effect(rows: Sequence[SpeechEffectRow]) -> "Figure":
         speeds.grid(True, axis="y")
         _draw_shares(shares, row)
     pairs[-1][0].set_xlabel("time (s)")
-    pairs[-1][1].set_xlabel("increase of r")
+    pairs[-1][1].set_xlabel("increase of correlation")
     _write_keys(figure, rows[0])
     return figure
 

@@ -180,7 +180,9 @@ def draw_jitter_sheet(sheet: JitterSheet) -> "Figure":
     for axes in rows["seams"]:
         if sheet.window_advance:
             every = sheet.window_advance
-            axes.set_xlabel(f"frame in the window (every {every} frames; overlap shaded)")
+            axes.set_xlabel(
+                f"frame in the window\n(a window starts every {every} frames; overlap shaded)"
+            )
             axes.axvspan(-0.5, sheet.window_overlap - 0.5, color="#ececec", lw=0.0, zorder=0.2)
         else:
             axes.set_xlabel("frame in the detected period")
@@ -191,7 +193,10 @@ def draw_jitter_sheet(sheet: JitterSheet) -> "Figure":
 def _titles(sheet: JitterSheet) -> dict[str, tuple[str, str]]:
     """Return the title and the y label of each row."""
     seams = "e  Window seams: mean jerk of all joints by frame in the generation window"
-    periods = "e  Periodic jerk: mean by frame in the detected period, for its clearest body part"
+    periods = (
+        "e  Periodic jerk: mean by frame in the detected period, "
+        "of the body part that shows it most"
+    )
     attribution = (
         f"d  Attribution: reduction of {sheet.tracked_point} jerk if only this joint is filtered"
     )

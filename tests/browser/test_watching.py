@@ -264,7 +264,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
         compare.click()
     both = watched(ticked.value)
     assert both.url.count("run=") == 2
-    expect(both.locator("#verdict")).to_contain_text("Different settings: seed 0 (A) and 7 (B).")
+    expect(both.locator("#verdict")).to_contain_text("Different settings: seed (0 in A, 7 in B).")
     bar = bar_of(staged(both, 4))
     if width < 600:
         bar.locator(".more").click()

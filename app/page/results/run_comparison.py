@@ -198,7 +198,7 @@ def settings_sentence(a: RunRecord, b: RunRecord) -> str:
 
 def _against(differ: Mapping[str, tuple[str, str]]) -> str:
     listed = "; ".join(
-        f"{name} {first} (A) and {second} (B)" for name, (first, second) in differ.items()
+        f"{name} ({first} in A, {second} in B)" for name, (first, second) in differ.items()
     )
     return f"Different settings: {listed}." if listed else ""
 

@@ -55,7 +55,7 @@ MEDIA_ROUTE = "/media"
 WEB_ROUTE = "/web"
 MAX_CHARACTER_BYTES = 50_000_000
 WEB_FOLDER = Path(__file__).parents[1] / "web"
-GONE = "File not found, or expired."
+GONE = "This file does not exist or has expired."
 INLINE_TYPES: Mapping[str, str] = {
     ".mp4": "video/mp4",
     ".wav": "audio/wav",
@@ -74,8 +74,8 @@ PARTICIPANT_TYPES: Mapping[str, str] = {
 """MIME types of the files of a participants' page, which opens as a page."""
 MAX_EXPORTS = 8
 TOO_MANY_EXPORTS = (
-    f"You already have {MAX_EXPORTS} downloads in progress, which is the limit. Wait until one is "
-    "finished."
+    f"You already have {MAX_EXPORTS} downloads in progress; the limit is {MAX_EXPORTS}. Wait "
+    "until one is finished."
 )
 FileToUrl = Callable[[Path], str]
 """Function from a file to its URL, relative to the page."""

@@ -72,9 +72,10 @@ PLANTED_LABEL = "Try an example with injected faults"
 ASSUME_LABEL = "Import settings"
 ASSUME_HELP = (
     "Corrections of what was detected in the files, separated by commas: up=z, facing=x, units=cm, "
-    "rate=25 (fps), hands=mean, rotations=6d-columns, motion=2 (of several), frames=bridge, lag=.4 "
-    "(s). *.bvh:up=z or NAME:up=z corrects only some files. Corrections that you choose on the "
-    "label of a file are added here, and also apply to files that you add later."
+    "rate=25 (fps), hands=mean, rotations=6d-columns, motion=2 (of several), frames=bridge "
+    "(interpolates invalid frames), lag=.4 (s). *.bvh:up=z or NAME:up=z corrects only some files. "
+    "Corrections that you choose on the label of a file are added here, and also apply to files "
+    "that you add later."
 )
 CLIP_LABEL = "Show a clip in the viewer"
 INTRODUCTION = (

@@ -219,7 +219,7 @@ def build_analysis(services: Services) -> None:
                 elem_id="analysis-answers",
             )
             key = gr.File(
-                label="The key: key.json",
+                label="Key (key.json)",
                 file_types=[".json"],
                 type="filepath",
                 elem_id="analysis-key",
@@ -285,8 +285,8 @@ def study_plan_toml(values: Mapping[str, Any]) -> str:
     if count * length_s > MAX_VIDEO_S:
         raise RunError(
             f"This study has {count * length_s / 60:.0f} minutes of video; this page renders at "
-            f"most {MAX_VIDEO_S / 60:.0f} minutes. Use the command line, or reduce clips, systems "
-            "or length."
+            f"most {MAX_VIDEO_S / 60:.0f} minutes. Use the command line, fewer clips or "
+            "systems, or shorter videos."
         )
     lines = [
         f"title = {_text(values['title'] or 'Co-speech motion')}",

@@ -286,8 +286,8 @@ class SpeechEffectRunner(ExperimentRunner):
     tab, button_label, title = "hearing", "Compare", "Does the motion follow the speech?"
     introduction = (
         "Each system generates motion for two speech recordings with two noise seeds. If the "
-        "motion follows the speech, motions for the same speech rise and fall together; if it "
-        "depends on the noise, motions with the same seed do."
+        "motion follows the speech, arm speeds rise and fall together in motions for the same "
+        "speech; if it depends on the noise, they do so in motions with the same seed."
     )
     request_type, task = SpeechEffectRequest, MEASURE_SPEECH_EFFECT
 
@@ -306,7 +306,8 @@ class SpeechEffectRunner(ExperimentRunner):
         calm, lively = DEFAULT_SPEAKER_PAIR
         speakers = gr.Checkbox(
             label=f"Also compare the speakers {calm} and {lively}",
-            info="Motion in a calm and a lively style for the first recording and the same seeds.",
+            info="Also generates motion in a calm and a lively style for the first recording, with "
+            "the same two seeds.",
             elem_id="hearing-speakers",
         )
         return {"systems": systems, **speeches, "guidance": strength, "speakers": speakers}

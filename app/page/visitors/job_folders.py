@@ -29,7 +29,7 @@ _held: list[Any] = []
 """Lock files that stay open while the process lives."""
 
 
-def claim_folder(parent: Path) -> Path:
+def make_process_folder(parent: Path) -> Path:
     """Make a locked folder of this process in ``parent``, and remove those of ended processes."""
     parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     parent.chmod(0o700)

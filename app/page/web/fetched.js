@@ -8,7 +8,7 @@ export async function answered(url, options = {}) {
   } catch (cause) {
     throw new Error("The server is not responding. Please reload the page.", { cause });
   }
-  if (!answer.ok) throw new Error("This has expired. Please reload the page.");
+  if (!answer.ok) throw new Error("The server no longer has this data. Please reload the page.");
   return answer;
 }
 

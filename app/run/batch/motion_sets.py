@@ -225,7 +225,7 @@ def _diagnose_clips(
     if len(left_out) == len(jobs):
         raise RunError(next(iter(left_out.values())))
     left_out = dict(sorted(left_out.items()))
-    notes += [f"Left out: {clip}: {sentence}" for clip, sentence in left_out.items()]
+    notes += [f"{clip} was left out: {sentence}" for clip, sentence in left_out.items()]
     records = {clip: each.record_path for clip, each in measured.items() if clip not in left_out}
     numbers = {clip: json.loads(path.read_text()) for clip, path in records.items()}
     notes += [sentence for each in numbers.values() for sentence in each["unread"]]

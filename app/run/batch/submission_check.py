@@ -54,7 +54,7 @@ def check_sets(
     if reference is None:
         raise RunError(
             "--check genea compares names and lengths with the recorded test clips; also give "
-            "these (--reference FOLDER, which is BEAT2's or one of the recorded clips)."
+            "these (--reference FOLDER: BEAT2's folder, or one with only the test clips)."
         )
     sets = [(path, ENDINGS) for path in (*folders, reference)]
     with ResultFolder(out) as results:
@@ -65,7 +65,7 @@ def check_sets(
             raise RunError("Two sets have the same name, or one is called 'reference'; rename one.")
         for folder in (*named.values(), recorded):
             if not folder.is_dir():
-                raise RunError(f"{folder} is not a folder or archive; --check needs whole sets.")
+                raise RunError(f"--check needs a folder or archive of a whole set; not {folder}.")
         checks = {name: _checked(name, folder, recorded) for name, folder in named.items()}
         lines = ["# Check against the rules of the GENEA leaderboard", ""]
         for each in checks.values():

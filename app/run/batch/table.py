@@ -235,7 +235,7 @@ def _spread_lines(of_systems: ClipsBySystem) -> list[str]:
 
 def _latex(systems: list[str], clips: int, means: Cells) -> str:
     lines = [
-        "% Needs \\usepackage{booktabs}. Means, 95 % bootstrap intervals over "
+        "% Needs \\usepackage{booktabs}. Means with 95 % bootstrap intervals over "
         f"{clips} clips. {OTHER_PROTOCOLS} {star_legend(systems, clips)}",
         f"\\begin{{tabular}}{{l{'c' * len(systems)}}}",
         "\\toprule",
@@ -321,7 +321,7 @@ def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:
 
 def _sheet(systems: list[str], results: Mapping[str, Any], means: Cells) -> list[str]:
     findings = results["clips_with_finding"]
-    out = [f"Left out: {clip}: {why}" for clip, why in results["left_out"].items()]
+    out = [f"{clip} was left out: {why}" for clip, why in results["left_out"].items()]
     noted = [f"- {escape_markdown(note)}" for note in (*results["notes"], *out)]
     lines = [
         f"# {len(results['clips'])} clips",

@@ -45,8 +45,7 @@ def compare_rotation_noise(
     motion = request.motion
     if not kinematic_chain(request.tracked_point):
         raise RunError(
-            f"The {request.tracked_point} does not depend on joint rotations; track a joint "
-            "further from the pelvis."
+            "Joint rotations do not move the pelvis; track another joint, such as a wrist."
         )
     request.import_overrides.check_files_exist([motion])
     reading = read_any_motion(motion, request.import_overrides, request.body)

@@ -30,7 +30,7 @@ from model.metrics.protocols.table import WORKBENCH
 from model.metrics.speech_effect import (
     Grid,
     SharedInputCorrelations,
-    arm_angular_speed_deg_s,
+    arm_angular_speed_sum_deg_s,
     arm_rotation_correlation_same_noise,
     speech_and_noise_shares,
 )
@@ -188,7 +188,8 @@ def _read_grids(folder: Path) -> dict[str, Grid]:
         grid = grids.setdefault(named["system"] or folder.name, {})
         grid[named["speech"], int(named["seed"])] = read_any_motion(path).motion
     if not 1 <= len(grids) <= MAX_SYSTEMS:
-        raise RunError(f"{folder} must contain 1 to {MAX_SYSTEMS} systems; found {len(grids)}.")
+        limit = f"motion of 1 to {MAX_SYSTEMS} systems"
+        raise RunError(f"{folder} must contain {limit}; found {len(grids)}.")
     return dict(grids)
 
 
@@ -235,16 +236,17 @@ def _effect_sentence(system: str, numbers: Mapping[str, Any]) -> str:
         verdict = "Arm motion depends more on the noise seed than on the speech."
     else:
         verdict = (
-            "The difference between speech and noise seed is not significant; use more speeches "
-            "and seeds."
+            "The difference between the effects of speech and noise seed is not significant; use "
+            "more speech recordings and seeds."
         )
     sentence = (
         f"{system}: compared with pairs of motions that share neither speech nor noise seed, the "
         f"correlation of arm speeds is higher by {_format_gain(arms['by_speech'])} in pairs that "
         f"share the speech and by {_format_gain(arms['by_noise'])} in pairs that share the seed "
-        f"(difference {_format_gain(lead)}, 95 % interval over pairs {_format_gain(low)} to "
-        f"{_format_gain(high)}). {verdict} In pairs with the same seed and different speech, arm "
-        f"rotations correlate at r = {numbers['arm_rotations_same_noise']:.2f}."
+        f"(difference {_format_gain(lead)}, 95 % confidence interval over pairs "
+        f"{_format_gain(low)} to {_format_gain(high)}). {verdict} In pairs with the same seed "
+        "and different speech, arm rotations correlate at r = "
+        f"{numbers['arm_rotations_same_noise']:.2f}."
     )
     if "speakers" not in numbers:
         return sentence
@@ -270,7 +272,7 @@ def _draw_speech_effect(
         SpeechEffectRow(
             system,
             {
-                key: arm_angular_speed_deg_s(motion)
+                key: arm_angular_speed_sum_deg_s(motion)
                 for key, motion in of_system[system].by_speech.items()
             },
             {

@@ -106,7 +106,7 @@ class EditResult:
 def parse_edits(message: object) -> tuple[Edit, ...]:
     """Parse a list of edits as app/page/web/player/editing.js writes it; may raise RunError."""
     if not isinstance(message, list) or len(message) > MAX_EDITS:
-        raise RunError(f"Edits must be a list of at most {MAX_EDITS} edits.")
+        raise RunError(f"Edits must be sent as a list of at most {MAX_EDITS}.")
     return tuple(_edit(one) for one in message)
 
 

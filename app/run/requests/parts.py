@@ -270,11 +270,11 @@ class PlanSource(SpeechInput):
 class SamplingOptions:
     """Systems to run and their sampling options; all systems have the same noise seed."""
 
-    systems: Annotated[Names, arg(help=f"Names of systems, from {', '.join(_SYSTEMS)}.")] = ()
+    systems: Annotated[Names, arg(help=f"Systems to run, of {', '.join(_SYSTEMS)}.")] = ()
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     speaker: Text = None
-    """Speaker style of the motion, such as anna; an unknown name lists those of the systems."""
+    """Speaker style of the motion, such as anna. An unknown name gives a list of all speakers."""
     seed: int = 0
     """Seed of the noise. The same speech file, options and seed give the same motion, whether the
     clip is generated alone or in a batch."""
@@ -392,8 +392,9 @@ class MetricOptions:
         parsed_type(parse_expected, "NAME=N,...", "none"),
         arg(name="expect"),
     ] = ()
-    """Values that a paper reports, such as fgd=4.2,beats/emage=.77. A table shows how much the
-    protocol alone changes them on these motions; for folders of motions (docs/evaluation.md)."""
+    """Values that a paper reports, such as fgd=4.2,beats/emage=.77. A table compares them
+    with the values of these motions by each protocol; for folders of motions
+    (docs/evaluation.md)."""
     weights: Suppress[Path] = BUNDLED_WEIGHTS
     """Folder of the accent network, which marks prominent words in the timeline."""
 

@@ -250,11 +250,12 @@ class RenderRequest:
         if is_transparent and not display.is_default:
             raise RunError(
                 "Trails, colours and exaggeration are not possible with a transparent background; "
-                "remove one of them."
+                "remove these options or --background."
             )
         if is_transparent and self.video.close_ups:
             raise RunError(
-                "Close-ups are not possible with a transparent background; remove one of them."
+                "Close-ups are not possible with a transparent background; remove either "
+                "--close-up or --background."
             )
         if self.speech is not None and not self.speech.is_file():
             raise RunError(f"There is no speech file at {self.speech}.")

@@ -133,7 +133,7 @@ def draw_videos(
     posed = [body_motion(motion) for motion in camera_motions or motions.values()]
     looks = {
         name: {
-            "motion": body_motion(with_exaggeration(motion, video.display)),
+            "motion": body_motion(with_exaggerated_tremor(motion, video.display)),
             "overlays": make_overlays(motion, video.display, tracker, body),
         }
         for name, motion in motions.items()
@@ -238,8 +238,8 @@ _HEAT_SIGMA_FRAMES = 3.0
 """Smoothing of jerk over time (frames); the jerk of single frames is noise, and would flicker."""
 
 
-def with_exaggeration(motion: Motion, display: Display) -> Motion:
-    """Return the motion as it is rendered, exaggerated if requested."""
+def with_exaggerated_tremor(motion: Motion, display: Display) -> Motion:
+    """Return the motion as it is rendered: exaggerated above the cut-off, if requested."""
     return exaggerate_tremor(motion, display.exaggeration, display.cutoff_hz)
 
 
@@ -273,7 +273,7 @@ def _trail(motion: Motion, display: Display, tracker: PointTracker, body: Body) 
     side = tracker.name.split("_")[0]
     return Trail(
         points=drawn.track(
-            motion if display.exaggeration == 1 else with_exaggeration(motion, display)
+            motion if display.exaggeration == 1 else with_exaggerated_tremor(motion, display)
         ),
         normalized_speeds=np.minimum(speed / FULL_SPEED_M_S, 1.0),
         is_spike=jerk > display.max_jerk_m_s3,

@@ -35,7 +35,7 @@ from renderer.video.compose import (
 from renderer.video.workers import MotionRenderJob
 
 NAME = "stage.mp4"
-NO_LINES = "Skeletons and joint axes are only shown in the viewer, not in the video."
+NO_LINES = "Skeletons and joint axes are shown only in the viewer, not in the video."
 TOO_SMALL = (
     "The viewer cannot be recorded at this size. {why} Enlarge a body, or resize the browser "
     "window."

@@ -97,6 +97,8 @@ class Trial:
 
 @dataclass(frozen=True, config=STRICT)
 class AttentionRule:
+    """Exclusion of participants by failed attention checks."""
+
     max_failed: Annotated[int, Field(ge=0, le=MAX_TRIALS_OF_LIST)]
     """Most attention checks that an included participant may fail."""
 
@@ -143,7 +145,7 @@ class StudyKey:
         for name, trial in self.trials.items():
             is_check = trial.kind == "attention"
             if not self.videos.keys() >= set(trial.videos):
-                raise ValueError(f"trial {name} shows a video that the key does not have")
+                raise ValueError(f"trial {name} shows a video that is not in the key")
             if (trial.expected is not None) != is_check:
                 raise ValueError(
                     f"trial {name} has no expected answer, but is an attention check"
@@ -151,10 +153,10 @@ class StudyKey:
                     else f"trial {name} has an expected answer, but is not an attention check"
                 )
             if not is_check and not self.question_by_id.keys() >= set(trial.questions):
-                raise ValueError(f"trial {name} asks a question that the key does not have")
+                raise ValueError(f"trial {name} asks a question that is not in the key")
         for number, trials in self.lists.items():
             if not self.trials.keys() >= set(trials):
-                raise ValueError(f"list {number} names a trial that the key does not have")
+                raise ValueError(f"list {number} contains a trial that is not in the key")
 
     @cached_property
     def question_by_id(self) -> dict[str, Question]:

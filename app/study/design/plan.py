@@ -166,7 +166,10 @@ class Condition:
         name = values.get("name")
         if values.get("motion") is not None:
             for other in sorted(set(values) - {"name", "motion"}):
-                raise ValueError(f"the system {name!r} has `motion`, so it cannot have `{other}`")
+                raise ValueError(
+                    f"the motion of {name!r} comes from files (`motion`), so it cannot have "
+                    f"`{other}`"
+                )
             return values
         system = values.get("system", name)
         samplers = {

@@ -117,7 +117,7 @@ def forest_plot(estimates: Sequence[ResultEstimate]) -> Figure:
     """Draw values of one measure with intervals, one per row: pairs, or systems by rank."""
     measure, count = estimates[0].measure, len(estimates)
     label, middle, limits = {
-        "share": ("votes for the first system (%; ties count half)", 50, (0, 100)),
+        "share": ("votes for the first system (%; ties count as half)", 50, (0, 100)),
         "log_strength": ("log-strength (0 = mean of the systems)", 0, None),
         "mean_rank": ("mean rank (1 = best)", (count + 1) / 2, (1, count)),
         "mean_rating": ("mean rating (0 to 100)", None, (0, 100)),

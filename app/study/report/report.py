@@ -243,7 +243,7 @@ def latex_table(results: Sequence[QuestionResult], key: StudyKey) -> str:
     """Return a table of systems by questions with the bar chart's numbers (needs booktabs)."""
     captions = {
         "right_choices": (
-            "Percentage of correct choices (ties count half), with 95 % confidence intervals."
+            "Percentage of correct choices (ties count as half), with 95 % confidence intervals."
         ),
         "first_places": "Percentage of first places, with 95 % confidence intervals.",
         "share_of_all_votes": (

@@ -143,7 +143,7 @@ def drop_invalid_answers(sent: Participant, key: StudyKey) -> tuple[Participant,
     if sent.study != key.study_id:
         raise InvalidJsonError("it belongs to another study")
     if sent.list_number not in key.lists:
-        raise InvalidJsonError(f"the study has no list {sent.list_number}")
+        raise InvalidJsonError(f"the study has no participant list {sent.list_number}")
     accepted: dict[tuple[str, str], Answer] = {}
     refused: Counter[str] = Counter()
     for item in sent.answers:
@@ -215,7 +215,7 @@ def _refused_sentence(participant: Participant, refused: Counter[str]) -> str:
     )
 
 
-_PRECEDENCE = ("has a valid link", "is finished", "is later", "has more answers")
+_PRECEDENCE = ("has a valid link", "is finished", "is more recent", "has more answers")
 
 
 def _each_once(

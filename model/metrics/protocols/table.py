@@ -71,8 +71,8 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "beats/workbench-emage",
             "BeatAlign as in beats/workbench, but with the mean joint speeds published by EMAGE. "
             "EMAGE's own code gives another value (beats/emage), because it counts the frames of "
-            "beats from the start of the evaluated slice but applies the threshold at that frame "
-            "of the whole clip.",
+            "beats from the start of the evaluated slice, but compares the speed at the same frame "
+            "number of the whole clip with the threshold.",
             _UPPER, _WITHOUT_2_S, "as beats/workbench", "our own", _BEAT,
             ("waveform", "published_mean_speeds"), is_measured_elsewhere=True,
         ),

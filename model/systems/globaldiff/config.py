@@ -201,20 +201,21 @@ _STEPS = (
         "Each joint is predicted in world coordinates. A position is a sum over the chain's bones; "
         "an error at one joint moves the joints below it but does not rotate them.",
         _EQ_5, "eq. 5",
-        "Less fingertip jitter. In return, neighbouring joints are not coupled, so a joint may "
+        "Less fingertip jitter. In exchange, neighbouring joints are not coupled, so a joint may "
         "twist against its parent.",
     ),
     AblationStep(
         "globaldiff/joint", "+ joint constraint",
-        "Six anchor points around each joint rotate with it and are compared. The position of the "
-        "last joint of a chain does not show its own rotation; the anchors do.",
+        "Six anchor points around each joint rotate with it and are compared with those of the "
+        "recording. The position of the last joint of a chain does not show its own rotation; the "
+        "anchors do.",
         _JOINT, "eqs. 8 to 10",
         "Thumbs and little fingers: without the constraint they may be flipped or twisted.",
     ),
     AblationStep(
         "globaldiff/skeleton", "+ skeleton constraint",
-        "The angle between every two bones (all pairs P) is compared, however far apart they are "
-        "on the body.",
+        "The angle between every two bones (all pairs P) is compared with the recording, however "
+        "far apart the bones are on the body.",
         _SKELETON, "eqs. 11 to 13",
         "Posture: leaning, uneven limbs and unsteady feet should become rarer.",
     ),

@@ -64,7 +64,7 @@ class BonePool(nn.Module):
         return self.get_buffer("weight") @ frames
 
 
-class EmageLevel(nn.Module):
+class EmageFgdLevel(nn.Module):
     """Parallel convolutions of four frames and of one, pooled together.
 
     The first has group normalisation over groups of channels *and all frames of the clip*.
@@ -89,7 +89,7 @@ class EmageEncoder(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.layers = nn.ModuleList(nn.Sequential(EmageLevel(*level)) for level in _LEVELS)
+        self.layers = nn.ModuleList(nn.Sequential(EmageFgdLevel(*level)) for level in _LEVELS)
 
     def forward(self, rotations: Float[Tensor, "n T 330"]) -> Float[Tensor, "n codes 240"]:
         """Encode whole clips; the number of frames must be a multiple of 16."""

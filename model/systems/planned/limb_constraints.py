@@ -71,8 +71,8 @@ class LimbConstraints:
     def constrain_next(self, motion: Motion) -> Motion:
         return self._feet.constrain_next(self._hands.constrain_next(motion))
 
-    def set_condition(self, streamed: StreamedPlan, first_frame: int) -> None:
-        self._hands.set_plan(streamed.condition, first_frame)
+    def set_condition(self, streamed: StreamedPlan, next_frame_in_condition: int) -> None:
+        self._hands.set_plan(streamed.condition, next_frame_in_condition)
         self._feet.set_contacts(streamed.foot_contacts_from_start)
 
     def state(self) -> dict[str, Tensor]:
@@ -248,9 +248,9 @@ class HandGuide:
     """Plan of the hands. A hand without phases is not changed."""
     _frames: int = field(default=0, init=False)
 
-    def set_plan(self, plan: GesturePlan, first_frame: int) -> None:
-        """Continue with another plan, in which the next frame is ``first_frame``."""
-        self.plan, self._frames = plan, first_frame
+    def set_plan(self, plan: GesturePlan, next_frame_in_plan: int) -> None:
+        """Continue with another plan, in which the next frame has this index."""
+        self.plan, self._frames = plan, next_frame_in_plan
 
     def constrain_next(self, motion: Motion) -> Motion:
         """Move the hands in the frames after those of the last call."""

@@ -308,7 +308,7 @@ def test_render_says_what_it_cannot_do(motion, capsys):
         ("a.png --background transparent --trail", "not possible with a transparent background"),
         ("a.png --background transparent --close-up face", "Close-ups are not possible with a"),
         ("a.mp4 --speech /nowhere.wav", "no speech file at /nowhere.wav"),
-        ("a.mp4 --frame 3 --plan a.json", "files contain a single frame; remove --frame."),
+        ("a.mp4 --frame 3 --plan a.json", "made from one chosen frame; remove --frame."),
         ("a.glb --views side", "no sound, camera or tracked point; remove --views."),
         ("a.mp4 --body /nowhere.npz", "nowhere.npz"),
     ]:

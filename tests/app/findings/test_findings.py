@@ -109,13 +109,13 @@ def test_joins_stand_out_where_a_finding_says_so_and_nowhere_else() -> None:
     systems = {"x/planned": both(seam_jerk_ratio=2.1), "b": both(seam_jerk_ratio=1.02)}
     seams = Finding("The body jumps every 52 frames.", {}, kind="seams")
     for found, words in (
-        ([], "is significant in no motion."),
-        ([seams], "is significant in planned."),
+        ([], "significantly at the seams: none."),
+        ([seams], "significantly at the seams: planned."),
     ):
         findings = {"x/planned": found, "b": []}
         measured = replace(diagnostics_of(**systems), findings=findings)
         said = figure_sentences(measured)["seams"]
-        assert "planned 2.1, b 1.0. Jerk that repeats at the seams" in said
+        assert "planned 2.1, b 1.0. Motions with jerk that recurs" in said
         assert said.endswith(words)
         out = finding_records(findings)[-1].sentence
         assert ("planned" in out) == (not found)

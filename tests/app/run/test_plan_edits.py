@@ -188,7 +188,7 @@ def test_what_is_no_edit_is_refused() -> None:
             {"do": "add", "kind": "you", "word": 1.5},
             "`word` cannot be 1.5: input should be",
         ),
-        ({"do": "nod", "at": 1, "path": "/etc"}, "no key `path`"),
+        ({"do": "nod", "at": 1, "path": "/etc"}, "`path` is not a known key"),
         ({"do": ["nod"]}, "There is no kind of edit"),
         ({}, "There is no kind of edit"),
         ("nod", "must be an object"),

@@ -225,7 +225,7 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
         ),
         (asked.speech.path, plan, ("--empty", "--seed", "3"), "not sampled; remove --seed"),
         (asked.speech.path, plan, ("--assume", "up=z"), "remove --assume"),
-        (asked.speech.path, plan, ("--style", str(style), *weights), "a style has no 'more'"),
+        (asked.speech.path, plan, ("--style", str(style), *weights), "'more' is not a style key"),
         (asked.speech.path, plan, ("--weights", str(tmp_path)), f"There is no system '{PLANNED}'"),
     ):
         assert words in told(source, to, *flags, status=1)

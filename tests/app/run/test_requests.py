@@ -13,7 +13,7 @@ from app.run.bodies import PointTracker
 from app.run.display import Display, check_display
 from app.run.examples import CLEAN
 from app.run.upload_check import Upload, file_kind, rejection_reason
-from app.run.videos.videos import make_overlays, with_exaggeration
+from app.run.videos.videos import make_overlays, with_exaggerated_tremor
 from conventions.joints import JOINT_INDEX
 from model.motion.motion import Motion
 from model.speech.audio import write_wav
@@ -42,7 +42,7 @@ def test_a_plain_display_marks_nothing():
     motion = made_motion(40)
     assert Display().is_default
     assert make_overlays(motion, Display(), TIP, BODY) is None
-    assert with_exaggeration(motion, Display()) is motion
+    assert with_exaggerated_tremor(motion, Display()) is motion
 
 
 def test_the_trail_has_dots_where_the_point_jerks():
@@ -97,8 +97,8 @@ def test_factor_cut_off_and_length_of_a_trail_are_what_was_asked_for():
     marks = make_overlays(motion, display, TIP, BODY)
     assert marks is not None and marks.trail is not None
     assert marks.notice == "EXAGGERATED x2.3 above 7 Hz" and marks.trail.length_frames == 12
-    lower = with_exaggeration(motion, Display(2.26, cutoff_hz=3.0))
-    assert np.abs(with_exaggeration(motion, display).poses - lower.poses).max() > 0.005
+    lower = with_exaggerated_tremor(motion, Display(2.26, cutoff_hz=3.0))
+    assert np.abs(with_exaggerated_tremor(motion, display).poses - lower.poses).max() > 0.005
 
 
 def test_what_cannot_be_shown_is_refused() -> None:

@@ -14,7 +14,7 @@ from app.run.timeline import (
     point_curves,
     transcript_tiers,
     waveform_peaks,
-    with_snaps,
+    with_joint_snaps,
     worst_seconds,
 )
 from conventions.names import REFERENCE_NAME
@@ -147,15 +147,17 @@ def test_a_snap_is_the_worst_second_where_it_is_the_gravest_finding_and_else_amo
     line = {"duration_s": 10.0, "curves": tracks, "worst": worst_seconds(tracks, count=2)}
     by_jerk = [each["jerk_m_s3"] for each in line["worst"]]
     snap, jerk = found("snap", 4.0, 3), found("jerk", 2.0, 0)
-    gravest = with_snaps(line, {"b": [snap, jerk], "a": [jerk], REFERENCE_NAME: [snap]}, count=2)
+    gravest = with_joint_snaps(
+        line, {"b": [snap, jerk], "a": [jerk], REFERENCE_NAME: [snap]}, count=2
+    )
     first, second = gravest["worst"]
     assert (first["name"], first["start_s"], first["end_s"]) == ("b", 0.0, 1.0)
     assert (first["joint"], first["snap_deg"]) == ("left elbow", 132.0)
     assert second["jerk_m_s3"] == by_jerk[0]
-    _, last = with_snaps(line, {"b": [jerk, snap]}, count=2)["worst"]
+    _, last = with_joint_snaps(line, {"b": [jerk, snap]}, count=2)["worst"]
     assert last["snap_deg"] == 132.0 and not last["is_gravest"]
-    within = with_snaps(line, {"a": [jerk, found("snap", 4.0, 215)]}, count=2)
-    assert within == with_snaps(line, {}, count=2) == line, "a second shows it already"
+    within = with_joint_snaps(line, {"a": [jerk, found("snap", 4.0, 215)]}, count=2)
+    assert within == with_joint_snaps(line, {}, count=2) == line, "a second shows it already"
 
 
 @pytest.mark.slow

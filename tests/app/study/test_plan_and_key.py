@@ -98,7 +98,7 @@ def test_a_condition_may_be_a_plan_or_a_change_of_it(tmp_path):
 PEOPLE = "participants = 28"
 BAD_PLANS = [
     ('title = "T"', "", "`title`"),
-    ('title = "T"', 'titel = "T"', "no key `titel`"),
+    ('title = "T"', 'titel = "T"', "`titel` is not a known key"),
     (
         '"pairwise"',
         '"beauty"',
@@ -117,7 +117,11 @@ BAD_PLANS = [
     ("theirs/{clip}.npz", "theirs/one.npz", "`motion` must be a path with {clip}"),
     ('"theirs/{clip}.npz"', '{ two = "x.npz" }', "has no path for the clip 'one'"),
     ('"theirs/{clip}.npz"', '{ one = "x", two = "y" }', "'two', which is not a clip"),
-    ('{clip}.npz"', '{clip}.npz"\nseed = 1', "has `motion`, so it cannot have `seed`"),
+    (
+        '{clip}.npz"',
+        '{clip}.npz"\nseed = 1',
+        "from files (`motion`), so it cannot have `seed`",
+    ),
     ('[[systems]]\nname = "globaldiff/local"\n', "", "needs at least 2 systems"),
     ("[[clips]]", "[[clips", "is not a TOML file"),
     (PEOPLE, f"{PEOPLE}\nlength_s = {'9' * 400}", "`length_s` cannot be 999"),
@@ -178,15 +182,15 @@ def test_a_key_that_is_written_reads_back_the_same_is_private_and_of_the_agreed_
     [
         (lambda key: key.update(systems=["local"] * 3), "different names"),
         (lambda key: key.update(systems=["global"]), "'local', which is not a system of the study"),
-        (lambda key: key["videos"].pop("clip0-local"), "shows a video that the key does not have"),
-        (lambda key: key["trials"].pop("clip0/0"), "list 0 names a trial"),
+        (lambda key: key["videos"].pop("clip0-local"), "shows a video that is not in the key"),
+        (lambda key: key["trials"].pop("clip0/0"), "list 0 contains a trial"),
         (
             lambda key: key["trials"]["check0"].pop("expected"),
             "check0 has no expected answer",
         ),
         (lambda key: key["trials"]["clip0/0"].update(questions=["x"]), "asks a question"),
         (lambda key: key.update(lists={"one": []}), "`lists.one.[key]` cannot be 'one'"),
-        (lambda key: key.update(title="\ud800"), "not a whole JSON"),
+        (lambda key: key.update(title="\ud800"), "not a valid JSON file"),
     ],
 )
 def test_a_key_that_contradicts_itself_is_refused(tmp_path, edit, says):

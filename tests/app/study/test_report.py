@@ -134,7 +134,7 @@ def test_who_and_what_is_left_out_is_told(tmp_path):
         "attention checks: 2 failed, 1 allowed",
         "simulated00002.json is left out: it belongs to another study.",
         "simulated00003.json: 1 of 14 answers is left out",
-        "&lt;cut&gt;.json is left out: it is not a whole JSON file",
+        "&lt;cut&gt;.json is left out: it is not a valid JSON file",
         "?.json is left out",
     ):
         assert told in page
@@ -151,7 +151,7 @@ def test_few_participants_are_enough_for_a_report_and_too_few_for_a_test(tmp_pat
     page, _, _ = made_report(tmp_path / "one", made_key("ranking"), count=1)
     assert "(95 % interval unknown)" in plain(page)
     assert "1 of 1 participant is included;" in page
-    assert re.search(r"1 of \d+ lists? was used", page)
+    assert re.search(r"1 of \d+ participant lists? was used", page)
     words = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
     assert not re.search(r"\b(inf|nan)\b", words)
 
@@ -220,7 +220,10 @@ def test_headline_and_power_say_who_came_first_and_how_surely():
         strong.num_raters,
         strong.num_comparisons,
     )
-    assert f"a preference of {percent(share)} of the participants; with Holm's correction" in said
+    assert (
+        f"a preference shared by {percent(share)} of the participants; with Holm's correction"
+        in said
+    )
     (weak,) = analyse_participants(made_participants(key, 4, UNIFORM_RATERS), key)
     assert headline(weak) == "realism: global, local and rival do not differ significantly."
 

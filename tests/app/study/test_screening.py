@@ -54,13 +54,13 @@ def edited(
     ("content", "says"),
     [
         ({"study": "f" * 16}, "it belongs to another study."),
-        ({"list": 99}, "the study has no list 99."),
+        ({"list": 99}, "the study has no participant list 99."),
         ({"finished": "yesterday"}, "`finished` cannot be 'yesterday'"),
         ({"answers": [{}] * 10_001}, "`answers` must be a list of at most 10000"),
-        (b'{"format": 1, "study"', "it is not a whole JSON file (cut off or damaged)."),
-        (b"", "it is not a whole JSON file (cut off or damaged)."),
+        (b'{"format": 1, "study"', "it is not a valid JSON file (cut off or damaged)."),
+        (b"", "it is not a valid JSON file (cut off or damaged)."),
         (b"[" * 50_000, "it is nested too deeply."),
-        (b" " * (MAX_FILE_BYTES + 1), "it is larger than the 4,194,304 bytes that are read."),
+        (b" " * (MAX_FILE_BYTES + 1), "it is larger than the limit of 4,194,304 bytes."),
     ],
 )
 def test_a_file_that_cannot_be_used_costs_one_sentence_and_nothing_else(
@@ -132,7 +132,7 @@ def test_of_doubles_the_finished_then_the_later_counts(tmp_path: Path) -> None:
     collected = collect_answers([folder], KEY)
     assert [one.file_name for one in collected.participants] == ["b.json"]
     assert collected.left_out_sentences == (
-        "a.json is left out: its participant also sent b.json, which is later.",
+        "a.json is left out: its participant also sent b.json, which is more recent.",
         "c.json is left out: its participant also sent b.json, which is finished.",
     )
 

@@ -55,12 +55,12 @@ def test_a_seed_makes_the_same_answers_and_two_runs_do_not_mix(tmp_path):
     [
         (0, STRENGTHS, 0, "The number of raters must be from 1 to 10000; got 0"),
         (1, STRENGTHS, -1, "seed must not be negative"),
-        (1, {"local": 1.0}, 0, "no others: local, global, rival; got local"),
+        (1, {"local": 1.0}, 0, "once, and nothing else; got local"),
         (
             1,
             STRENGTHS | {"other": 1.0},
             0,
-            "no others: local, global, rival; got local, global, rival, other",
+            "once, and nothing else; got local, global, rival, other",
         ),
         (1, STRENGTHS | {"local": float("nan")}, 0, "from -20 to 20; got .* for local"),
         (1, STRENGTHS | {"local": 21.0}, 0, "from -20 to 20; got .* for local"),

@@ -21,7 +21,7 @@ from model.evaluation.classifiers import (
 )
 from model.generation.windows import GenerateOptions, generate_motion
 from model.metrics.speech_effect import (
-    arm_angular_speed_deg_s,
+    arm_angular_speed_sum_deg_s,
     arm_rotation_correlation,
     silence_speed_ratio,
 )
@@ -50,7 +50,7 @@ def test_the_share_of_the_speaker_is_that_of_every_pair_one_by_one(share):
     alike: dict[str, list[float]] = {"speaker": [], "neither": []}
     for ((one, seed), a), ((other, seed_), b) in combinations(motions.items(), 2):
         if seed != seed_:
-            r = float(np.corrcoef(arm_angular_speed_deg_s(a), arm_angular_speed_deg_s(b))[0, 1])
+            r = float(np.corrcoef(*map(arm_angular_speed_sum_deg_s, (a, b)))[0, 1])
             alike["speaker" if one == other else "neither"].append(r)
     found = arm_speaker_effect(motions)
     wanted = np.mean(alike["speaker"]) - np.mean(alike["neither"])

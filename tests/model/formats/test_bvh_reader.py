@@ -229,7 +229,7 @@ def test_text_is_read_where_nothing_is_lost(tmp_path: Path, text: str, said: str
         (changed_row(2, lambda row: "x" + row), "is not a number"),
         (changed_row(2, lambda row: "nan " + row.split(" ", 1)[1]), "not finite in frames 2"),
         (TEXT.replace("\nMOTION", "\nMOVES"), "'MOVES' is none of"),
-        ("HIERARCHY\n" + "ROOT a {\n" * 500, "over 400 joints"),
+        ("HIERARCHY\n" + "ROOT a {\n" * 500, "it exceeds the limit of 400 joints"),
     ],
 )
 def test_text_that_is_none_is_refused_with_line_and_reason(tmp_path: Path, text: str, said: str):
@@ -251,7 +251,7 @@ def test_trees_that_are_no_person_are_refused(tmp_path: Path):
         "OFFSET 0 0.4 0" if line.startswith("OFFSET") and "-0.3" in line else line
         for line in TEXT.splitlines()
     ]
-    with pytest.raises(MotionError, match=r"legs are not below the trunk.* Put a T-pose"):
+    with pytest.raises(MotionError, match=r"legs are below the trunk neither.* Put a T-pose"):
         read(tmp_path, "\n".join(lines))
 
 

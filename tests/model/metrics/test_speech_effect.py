@@ -9,7 +9,7 @@ from conventions.joints import JOINT_INDEX
 from model.metrics.speech_effect import (
     LEAST_FRAMES,
     TRACK_FUNCTIONS,
-    arm_angular_speed_deg_s,
+    arm_angular_speed_sum_deg_s,
     arm_rotation_correlation,
     silence_speed_ratio,
     speech_and_noise_shares,
@@ -57,7 +57,7 @@ def test_shares_are_those_that_were_planted(share):
 def test_arm_speed_is_in_degrees_a_second_whichever_arm_turns():
     turning = about(2, np.deg2rad(np.arange(90)))  # 30 degrees a second
     motion = posed(90, left_shoulder=turning, right_elbow=turning)
-    np.testing.assert_allclose(arm_angular_speed_deg_s(motion), 60.0, rtol=1e-3)
+    np.testing.assert_allclose(arm_angular_speed_sum_deg_s(motion), 60.0, rtol=1e-3)
 
 
 def test_likeness_is_the_correlation_of_what_both_have_and_0_of_what_is_still():

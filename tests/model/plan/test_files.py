@@ -125,7 +125,7 @@ BAD = [
     ("[" * 100_000, "is not a plan"),
     ('{"format": 2}', "is not a plan of format 1"),
     (f'{{"format": 1, "duration_s": {10**400}}}', "`duration_s` cannot be "),
-    (plan_with("dance", "[]"), "no key `dance`"),
+    (plan_with("dance", "[]"), "`dance` is not a known key"),
     (plan_with("nods", "3"), "`nods` cannot be 3: input should be a valid array"),
     (plan_with("nods", '[{"time_s": 1}]'), "`nods.0.depth_deg` is missing"),
     (plan_with("nods", '[{"time_s": true, "depth_deg": 1}]'), "should be a valid number"),

@@ -135,7 +135,7 @@ def test_a_gesture_without_room_stays_and_is_counted():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("often = 3", "a style has no 'often'"),
+        ("often = 3", "'often' is not a style key"),
         ("gestures_per_min = 900", "gestures_per_min must be a number from 0 to 90; got 900."),
         ("size_m = nan", "size_m must be a number from 0.05 to 0.6; got nan."),
         ("size_m = true", "size_m must be a number"),

@@ -250,7 +250,7 @@ def test_latin_1_is_read_and_told(tmp_path: Path) -> None:
 
 def test_what_is_no_file_of_words(tmp_path: Path) -> None:
     for name, content, says in (
-        ("a.json", "[" * 99_999, "is not JSON of Whisper"),
+        ("a.json", "[" * 99_999, "is not a JSON file of Whisper"),
         ("a.json", '{"segments": [{"start": 1e999, "end": {}, "text": "a"}]}', "no words or segm"),
         ("a.json", '{"words": [{"word": "a", "start": 2, "end": 1}]}', "must end after it begins"),
         ("a.json", '{"words": [{"word": "a", "start": -2, "end": 1}]}', "must end after it begins"),
@@ -258,7 +258,7 @@ def test_what_is_no_file_of_words(tmp_path: Path) -> None:
         ("a.ctm", "a 1 0.3 word", "Line 1 of a.ctm must hold recording, channel"),
         ("a.ctm", "a 1 0 1 x\na 2 0 1 y", "words of 2 recordings or channels (a 1, a 2)"),
         ("a.srt", "nothing", "holds no words"),
-        ("a.doc", "hello world", "its suffix is none of those of word files (.TextGrid, .txt"),
+        ("a.doc", "hello world", "has none of the suffixes of word files (.TextGrid, .txt"),
     ):
         (tmp_path / name).write_text(content)
         with pytest.raises(TranscriptError) as caught:
@@ -278,7 +278,7 @@ def test_what_lies_beyond_the_speech_is_left_out_and_told(tmp_path: Path) -> Non
     assert cut.transcript.gestures == {"gesture": (Interval(0.2, 0.45, "stroke"),)}
     assert cut.notes == (
         "a.TextGrid ends at 2.0 s and the speech at 0.5 s; the file may belong to another clip. "
-        "1 of its 2 words lie after the end and are left out.",
+        "1 of its 2 words lie after the end of the speech and are left out.",
     )
     assert cut.within(0.45) == cut
 

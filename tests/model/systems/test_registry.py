@@ -156,7 +156,7 @@ def test_code_of_a_package_that_fails_when_it_is_read_is_told(tmp_path, monkeypa
     monkeypatch.setattr(registry, "_FAMILIES", list(registry.families()))
     registry.register(replace(FAMILY, package="frame_regression.nowhere"))
     with pytest.raises(
-        FamilyUnavailableError, match=r"its package frame_regression\.nowhere fails: Mod"
+        FamilyUnavailableError, match=r"the code of frame_regression\.nowhere failed: Mod"
     ):
         registry.load_system("regression/mean", tmp_path)
 

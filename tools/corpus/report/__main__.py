@@ -200,7 +200,7 @@ def write_report(
         data: Corpus folder.
         real: Folder of real BEAT2 clips to compare with.
         out: Path of the page.
-        clips: Number of clips of each speaker, and of real ones.
+        clips: Largest number of clips of each speaker, and of real clips.
     """
     rig = open_body_rig()
     by_speaker: dict[str, list[str]] = {}

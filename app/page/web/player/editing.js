@@ -124,7 +124,7 @@ export class Editing {
     const now = (does, values = {}) => () => this.#ask({ do: does, at: this.#player.time, ...values });
     const looks = Object.entries(LOOKS).map(([label, yaw]) => button(label, now("look", { yaw, pitch: 0 })));
     const head = make("span", { class: "row", role: "group", "aria-label": "At the current time" }, button("Nod", now("nod")), button("Blink", now("blink")), ...looks);
-    this.adding = popUp("menu", make("summary", {}, "Add"), make("div", {}, this.kinds.element, make("span", { class: "row" }, this.places, this.hands, button("Add", () => this.#add(), "Add it")), head));
+    this.adding = popUp("menu", make("summary", {}, "Add"), make("div", {}, this.kinds.element, make("span", { class: "row" }, this.places, this.hands, button("Add", () => this.#add(), "Add the gesture")), head));
     this.adding.addEventListener("toggle", () => this.#foresee());
     this.#player.addEventListener("time", () => this.adding.open && this.#foresee());
     this.expected = SIDES.map(() => make("i", { class: "event expected" }));

@@ -91,7 +91,7 @@ export class Timeline {
     this.tiers = new Tiers({ onChoose: (chosen, event, sentence) => this.#explain(chosen, event, sentence) });
     this.bodies = make("select", { "aria-label": "Motion whose tiers are shown", onchange: () => this.showBody(this.bodies.value) });
     this.why = make("p", { class: "why", role: "status" });
-    this.more = make("button", { type: "button", title: "Also show head, gaze, face and weight", onclick: () => this.#showRest(this.element.classList.contains("hands-only")) }, "All tiers");
+    this.more = make("button", { type: "button", title: "Also show head, gaze, face and supporting leg", onclick: () => this.#showRest(this.element.classList.contains("hands-only")) }, "All tiers");
     this.origin = make("span", {});
     this.legend = make("span", { class: "tier-legend", hidden: true }, make("i", { class: "swatch" }), this.origin);
     this.tiersHead = make("div", { class: "tiers-head", hidden: true }, this.bodies, this.legend, this.more, this.why);
@@ -409,7 +409,7 @@ export class Timeline {
     for (const [name, { value }] of this.#lanes) {
       const curve = this.#curveOf(name);
       const now = curve?.values[Math.round((time - curve.start_s) / curve.step_s)];
-      value.textContent = curve ? `${now === undefined ? "–" : now.toFixed(digits)} ${unit}` : "only available filtered";
+      value.textContent = curve ? `${now === undefined ? "–" : now.toFixed(digits)} ${unit}` : "filtered motion only";
     }
   }
 

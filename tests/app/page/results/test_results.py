@@ -220,11 +220,11 @@ def run(tmp_path: Path) -> Run:
 def test_the_settings_that_differ_are_told_in_one_sentence(run):
     a, b = (run(each).record for each in ({"seed": "3", "steps": "10"}, STEPS))
     assert settings_sentence(a, b) == (
-        "Different settings: seed 3 (A) and 7 (B); steps 10 (A) and 25 (B)."
+        "Different settings: seed (3 in A, 7 in B); steps (10 in A, 25 in B)."
     )
     assert settings_sentence(a, a) == text.PAIR_SAME_SETTINGS
     own = a.model_copy(update={"settings": {"motions": "mine", "words": "said.txt"}})
-    told = "Different settings: words none (A) and said.txt (B)."
+    told = "Different settings: words (none in A, said.txt in B)."
     told = f"{text.PAIR_BROUGHT.format(run='B')} {told}"
     assert settings_sentence(run({"words": "none"}).record, own) == told
     usual, other = run(), run({"speech": "another"}, speech_sha256=OTHER)

@@ -17,7 +17,7 @@ from starlette.testclient import TestClient
 
 from app import text
 from app.page.visitors import uploads
-from app.page.visitors.job_folders import claim_folder, start_sweeper, sweep
+from app.page.visitors.job_folders import make_process_folder, start_sweeper, sweep
 from app.page.visitors.uploads import MAX_FILES
 from app.page.visitors.visitors import client_network_of
 from tests.app.page.conftest import UPLOAD
@@ -77,8 +77,8 @@ def test_a_sweep_that_fails_is_not_the_last(tmp_path, monkeypatch, caplog):
 HOLD = """
 import signal, sys
 from pathlib import Path
-from app.page.visitors.job_folders import claim_folder
-folder = claim_folder(Path(sys.argv[1]))
+from app.page.visitors.job_folders import make_process_folder
+folder = make_process_folder(Path(sys.argv[1]))
 (folder / "upload").write_text("a voice")
 print(folder, flush=True)
 signal.pause()
@@ -93,13 +93,13 @@ def test_what_a_killed_process_left_is_removed_by_the_next_and_not_before(tmp_pa
     )
     assert child.stdout is not None
     theirs = Path(child.stdout.readline().strip())
-    mine = claim_folder(parent)
+    mine = make_process_folder(parent)
     assert (theirs / "upload").exists() and mine.parent == parent
     assert mine.stat().st_mode & 0o777 == parent.stat().st_mode & 0o777 == 0o700
     assert not (parent / "jobs").exists()
     child.send_signal(signal.SIGKILL)
     child.communicate()
-    claim_folder(parent)
+    make_process_folder(parent)
     assert not theirs.exists() and mine.exists()
 
 

@@ -65,7 +65,7 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
     assert sorted(shares) == shares and shares[-1] > 0.8, "the last clip could not be read"
     assert list(found.motion_files) == ["My system", "reference"]
     assert sorted(found.audio_files) == list(CLIPS)
-    assert any("Left out" in note and "broken" in note for note in found.notes)
+    assert any("was left out" in note and "broken" in note for note in found.notes)
     worst = found.batch_json["worst"][0]
     assert (worst["system"], worst["clip"]) == ("My system", "d") and worst["kinds"]
     assert any(path.name == "distributions.png" for path in found.files)
