@@ -31,9 +31,8 @@ def parsed_type(
 ) -> PrimitiveConstructorSpec[Any]:
     """Make the annotation of a type that is parsed from one word, in flags and forms.
 
-    Args:
-        parse: parser of a word, which may raise `RunError` with the reason.
-        default: text in help for a default that is None or empty.
+    The parser may raise `RunError` with the reason; ``default`` is the help's text for a default
+    that is None or empty.
     """
     return PrimitiveConstructorSpec(
         nargs=1,
@@ -82,9 +81,8 @@ def subset_type(
 ) -> PrimitiveConstructorSpec:
     """Make the annotation of a tuple that accepts only the listed names, each once.
 
-    Args:
-        refusal: error message with placeholders for the unknown ``name`` and the known ``names``.
-        none: word for the empty tuple; without it at least one name is required.
+    The refusal has placeholders for the unknown ``name`` and the known ``names``; ``none`` is the
+    word for the empty tuple, without which at least one name is required.
     """
 
     def read(flag: str) -> tuple[str, ...]:
@@ -171,8 +169,7 @@ def parse_command(
 ) -> Callable[[], Any]:
     """Return a function bound to the arguments of a command line.
 
-    Raises:
-        SystemExit: status 2 after an error message for wrong arguments; status 0 after help.
+    Raises SystemExit: status 2 after an error message for wrong arguments; status 0 after help.
     """
 
     @functools.wraps(function)

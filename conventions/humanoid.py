@@ -116,8 +116,7 @@ class JointTree:
     def joint_map(self) -> JointMap:
         """Assign joints by names and tree: two legs and a trunk at the pelvis, arms at the chest.
 
-        Raises:
-            NoHumanoidError: if there is no trunk with two arms.
+        Raises NoHumanoidError if there is no trunk with two arms.
         """
         forks = (at for at in self._down(0) if len(self._limbs(at)) >= 3)
         pelvis = next((at for at in forks if self._trunk(at) is not None), 0)

@@ -270,11 +270,8 @@ def analyse_raw(
 ) -> AnalysedMotion:
     """Measure one motion without the filter, as the input of fault detectors.
 
-    A reference must be as long.
-
-    Args:
-        onsets_s, speech_bands, protocol_inputs: see `diagnose`; no published protocols are
-            measured.
+    A reference must be as long. The last three arguments are those of `diagnose`; no published
+    protocols are measured.
     """
     protocol_inputs = protocol_inputs or ProtocolInputs()
     ways = _MeasureOptions(skeleton, point, None, onsets_s, speech_bands, protocol_inputs, False)
@@ -419,9 +416,8 @@ def _cut_to_shortest(
 def with_current_format(content: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of a ``diagnostics.json`` with the keys of this version's format.
 
-    Raises:
-        ValueError: if a later version wrote it.
-        LookupError, TypeError, AttributeError: if it is not the content of such a file.
+    Raises ValueError if a later version wrote it; LookupError, TypeError or AttributeError if it is
+    not the content of such a file.
     """
     number = content.get("format", 1)
     if number == DIAGNOSTICS_FORMAT:

@@ -88,8 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def parse(argv: Sequence[str]) -> Callable[[], None]:
     """Parse a command line into the command, bound to its arguments.
 
-    Raises:
-        SystemExit: status 2 after an error message if there is no such command; 0 after help.
+    Raises SystemExit: status 2 after an error message if there is no such command; 0 after help.
     """
     argv = _with_current_names(argv)
     name = next((" ".join(argv[:n]) for n in (2, 1) if " ".join(argv[:n]) in COMMANDS), None)

@@ -75,8 +75,7 @@ def convert(request: Annotated[ConvertRequest, arg(name="")]) -> None:
 def convert_files(request: ConvertRequest) -> list[dict[str, Any]]:
     """Convert all readable files, and return for each the assumptions or the reason of the refusal.
 
-    Raises:
-        RunError, BodyError, WriteError: each with one sentence.
+    Raises RunError, BodyError, WriteError, each with one sentence.
     """
     from app.run.batch.archives import unpack_archives
     from model.formats.read import ENDINGS

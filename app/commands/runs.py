@@ -119,11 +119,7 @@ def _run(task: ImportedFunction, request: Any, out: Path) -> None:
 
 
 def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
-    """Generate clip by clip; write finished folders to standard output and report failures.
-
-    Raises:
-        RunError: at the end, if any clip failed.
-    """
+    """Generate clip by clip, printing finished folders; raise RunError at the end for failures."""
     from app.run.batch.speech_batch import clip_requests, run_batch
 
     with ProgressBars() as shown, _report_interruption():
@@ -383,11 +379,7 @@ def leaderboard_page(board: Board, out: Path) -> None:
 
 @contextmanager
 def _report_interruption() -> Iterator[None]:
-    """Report, when the user stops a run of many clips, that it can be continued.
-
-    Raises:
-        RunError: in place of KeyboardInterrupt.
-    """
+    """Raise RunError, saying that it can be continued, when the user stops a run of many clips."""
     try:
         yield
     except KeyboardInterrupt:

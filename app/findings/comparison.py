@@ -53,8 +53,7 @@ def sample_names_by_system(names: Iterable[str]) -> dict[str, dict[int, str]]:
 def values_by_metric(clips: Iterable[Mapping[str, Mapping[str, float]]]) -> Table:
     """Return values by metric, system and number: of one clip each sample, else each clip's mean.
 
-    Args:
-        clips: values by motion, then by key of the measure, for each clip.
+    ``clips`` has values by motion, then by key of the measure, for each clip.
     """
     clips = list(clips)
     table: dict[str, dict[str, Samples]] = {}

@@ -244,8 +244,7 @@ def metric_values(
 ) -> dict[str, float]:
     """Return values by the keys of `METRICS`, in their units, where measured and comparable.
 
-    Args:
-        incomparable: parts that this motion lacks and others have (`parts_others_have`).
+    ``incomparable`` are parts that this motion lacks and others have (`parts_others_have`).
     """
     read = {
         each.key: (each.read_value(metrics), each.scale)

@@ -40,9 +40,7 @@ def merge_plans(
 ) -> GesturePlan:
     """Return the plan of ``num_frames`` frames of a session; its second 0 is ``first_frame``.
 
-    Args:
-        plans: planned events with the frame of the session from which they replace all earlier
-            ones.
+    Each plan comes with the frame of the session from which they replace all earlier ones.
     """
     events: dict[str, list[Any]] = {name: [] for name in PLAN_LISTS}
     for frame, ahead in plans:
@@ -246,8 +244,7 @@ class LiveSession:
     def process_input(self, num_sessions: int = 1) -> None:
         """Compute features of new sound, and generate one window if it is due.
 
-        Raises:
-            RunError: if the system or the machine is too slow.
+        Raises RunError if the system or the machine is too slow.
         """
         sound, self._inbox = self._inbox, []
         if sound:
@@ -355,10 +352,7 @@ def warm_up(system: System, speaker: str) -> None:
 def planned_events_json(streamed: StreamedPlan, first_frame: int) -> dict[str, Any]:
     """Return the JSON of planned events from a frame on, in seconds of the session.
 
-    They replace all events sent earlier for that time.
-
-    Args:
-        first_frame: frame of the session; an event that continues there is included.
+    They replace all events sent earlier for that time; one that continues there is included.
     """
     plan, zero_s, from_s = streamed.condition, streamed.zero_frame / FPS, first_frame / FPS
 

@@ -59,10 +59,8 @@ class SessionScheduler:
     def __init__(self, weights: Path, tell: Callable[[int, object], None]) -> None:
         """Make an empty set of sessions.
 
-        Args:
-            tell: callback with a session's number and a message: frames as bytes, other messages as
-                an
-                object, and text for the sentence with which the session ends.
+        ``tell`` takes a session's number and a message: frames as bytes, other messages as an
+        object, and text for the sentence with which the session ends.
         """
         self._weights, self._tell = weights, tell
         self.open: dict[int, LiveSession] = {}
@@ -130,8 +128,7 @@ class SessionScheduler:
     def load_and_warm_up(self, name: str, speaker: str | None = None) -> System:
         """Load a system and generate a first window, so that no visitor waits for one-time costs.
 
-        Raises:
-            RunError, UnknownNameError, CheckpointError: if the system cannot be used live.
+        Raises RunError, UnknownNameError or CheckpointError if the system cannot be used live.
         """
         system = get_system(name, self._weights)
         check_supports_live(system)

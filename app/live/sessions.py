@@ -122,9 +122,8 @@ class LiveSessions:
     ) -> int:
         """Open a session for one browser, and return its number.
 
-        Args:
-            on_message: callback that takes the session's settings first, then frames as bytes,
-                other messages as an object, and as text the sentence with which the session ends.
+        ``on_message`` takes the session's settings first, then frames as bytes, other messages as
+        an object, and as text the sentence with which the session ends.
         """
         number = self._ask(on_message, "open", (message, cookie, address))
         self._microphones[number] = AudioGuard()
@@ -149,10 +148,7 @@ class LiveSessions:
     def save_recording(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
         """Make the request for a run of a session's last minute, with its files in a folder.
 
-        The session is open or has ended lately, and belongs to this browser.
-
-        Raises:
-            RunError: if there is none.
+        The session must be open or have ended lately, and belong to this browser, else RunError.
         """
         if self._child is None:
             raise RunError(NOT_THERE)

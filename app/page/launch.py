@@ -77,9 +77,7 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
 def launch(config: AppConfig, preloads_models: bool = True) -> Blocks:
     """Serve the page from threads of this process, at ``local_url`` of the result.
 
-    Raises:
-        RunError, CheckpointError: if the weights cannot be used.
-        OSError: if the port is taken.
+    Raises RunError or CheckpointError if the weights cannot be used, OSError if the port is taken.
     """
     check_port(config)
     _set_environment(config)

@@ -78,10 +78,8 @@ class Worker:
     ) -> None:
         """Configure the process, which is started at its first use.
 
-        Args:
-            warm: weights and body to load before the first task; None loads them when a task needs
-                them.
-            niceness: scheduling priority; 19 uses only idle time.
+        Weights and body of ``warm`` are loaded before the first task, else when a task needs them;
+        a ``niceness`` of 19 uses only idle time.
         """
         self._limits = limits
         self._warm = warm

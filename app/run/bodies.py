@@ -142,9 +142,8 @@ class PointTracker:
     ) -> np.ndarray:
         """Return positions (T, 3) of the tracked point in metres; whole motions are cached.
 
-        Args:
-            num_frames: number of first frames that are needed; None for all.
-            on_piece: called after each chunk of a long motion; an exception from it stops the work.
+        Only the first ``num_frames`` are needed, or all. ``on_piece`` is called after each chunk of
+        a long motion; an exception from it stops the work.
         """
         if motion not in self._tracks:
             part = motion if num_frames is None else motion.part(slice(num_frames))

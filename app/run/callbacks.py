@@ -44,11 +44,7 @@ class RunCallbacks:
         on_event: Callable[[RunEvent], None] = lambda event: None,
         should_cancel: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Store the callbacks of the caller.
-
-        Args:
-            on_event: called with each progress event, and when the folder has new content.
-        """
+        """Store the caller's callbacks; progress and new files in the folder are events."""
         self.on_event = on_event
         self.should_cancel = should_cancel
 

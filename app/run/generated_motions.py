@@ -61,9 +61,8 @@ def generate_motions(
 ) -> RunMotions:
     """Generate the motions of the systems window by window, and return the rows of the run.
 
-    Raises:
-        RunError, SpeechError, MotionError, BodyError, UnknownNameError, CheckpointError, GLError,
-            PlanError, WriteError: each with one sentence.
+    Raises RunError, SpeechError, MotionError, BodyError, UnknownNameError, CheckpointError,
+    GLError, PlanError, WriteError, each with one sentence.
     """
     options = SpeechReadOptions(max_s=request.speech.max_speech_s, channel=request.speech.channel)
     speech = load_speech(request.speech.path, options)
@@ -169,8 +168,7 @@ def _generate_in_turns(
 ) -> dict[str, tuple[Motion, Motion]]:
     """Generate one window of each system in turn, so that all bodies start early and keep pace.
 
-    Args:
-        filter_and_write: writes a whole motion, and returns it raw and filtered.
+    ``filter_and_write`` writes a whole motion, and returns it raw and filtered.
     """
     parts: dict[str, dict[str, list[Motion]]] = {name: {} for name in making}
     shares = dict.fromkeys(making, 0.0)
@@ -303,9 +301,8 @@ def _options(
 ) -> dict[str, GenerateOptions]:
     """Return the generation options by system, with notes on those that a system does not support.
 
-    Raises:
-        RunError: if no system has the sampler, or none supports guidance or a plan.
-        PlanError: if the plan cannot be used.
+    Raises RunError if no system has the sampler, or none supports guidance or a plan; PlanError if
+    the plan cannot be used.
     """
     plan, style = request.planning.plan, request.planning.style
     read = None if plan is None else _plan_for(plan, speech)
@@ -394,11 +391,9 @@ def write_plan_from_motion(
 def write_plan_from_speech(request: PlanRequest) -> PlanResult:
     """Sample a gesture plan from speech and write it; return it with notes on its style.
 
-    An empty plan has the length of the speech and no events.
-
-    Raises:
-        RunError, SpeechError, TranscriptError, UnknownNameError, CheckpointError, PlanError,
-            WriteError: each with one sentence.
+    An empty plan has the length of the speech and no events. Raises RunError, SpeechError,
+    TranscriptError, UnknownNameError, CheckpointError, PlanError, WriteError, each with one
+    sentence.
     """
     request.check()
     check_plan_suffix(request.out)

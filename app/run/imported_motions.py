@@ -61,8 +61,7 @@ def import_motions(
 ) -> RunMotions:
     """Read the imported motions, show them in the viewer, and return the rows of the run.
 
-    Raises:
-        RunError, SpeechError, MotionError, BodyError, WriteError: each with one sentence.
+    Raises RunError, SpeechError, MotionError, BodyError, WriteError, each with one sentence.
     """
     if request.metrics.mean_speeds is not None and request.speech.path is None:
         raise RunError(

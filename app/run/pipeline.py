@@ -78,13 +78,10 @@ OPENED = "Opened the run from its file and measured {motions} again."
 def generate(request: GenerateRequest, callbacks: RunCallbacks = NO_CALLBACKS) -> RunResult:
     """Generate motion for a speech with several systems, and write motions, metrics and figures.
 
-    The results are published in the request's folder all together or not at all.
-
-    Raises:
-        Cancelled: if the caller has cancelled.
-        RunError, SpeechError, MotionError, TranscriptError, BodyError, UnknownNameError,
-            CheckpointError, GLError, VideoError, FigureError, WriteError: each with one sentence
-            for the user.
+    The results are published in the request's folder all together or not at all. Raises Cancelled,
+    and RunError, SpeechError, MotionError, TranscriptError, BodyError, UnknownNameError,
+    CheckpointError, GLError, VideoError, FigureError, WriteError, each with one sentence for the
+    user.
     """
     started = time.monotonic()
     request.check()
@@ -313,9 +310,8 @@ def redraw_figure6(
 ) -> tuple[Path, ...]:
     """Draw Figure 6 of a finished run from the motions in its folder; return the files.
 
-    Raises:
-        Cancelled: if the caller has cancelled.
-        RunError, MotionError, BodyError, GLError, FigureError: each with one sentence.
+    Raises Cancelled, and RunError, MotionError, BodyError, GLError, FigureError, each with one
+    sentence.
     """
     record, figures = read_run(request.run), request.figures
     files = row_files(request.run, "motion")

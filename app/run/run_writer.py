@@ -279,9 +279,8 @@ class RunWriter(RunCallbacks):
     ) -> dict[str, Any]:
         """Write motions with their sound, silent without speech; return their unwritten timeline.
 
-        Args:
-            accent_weights: folder of the accent network for the timeline; None omits accents.
-            plans: files of gesture plans that the motions follow, by name.
+        ``accent_weights`` is the folder of the accent network; None omits accents. ``plans`` are
+        the files of gesture plans that the motions follow, by name.
         """
         self.declare_rows(motions)
         self.write_audio(padded_waveform(speech, motions))

@@ -44,10 +44,8 @@ def worst_seconds(
 ) -> list[dict[str, Any]]:
     """Return at most ``count`` seconds with the highest jerk, without overlap, the worst first.
 
-    Returns:
-        For each second ``start_s`` and ``end_s``, the ``name`` of the motion with the highest jerk
-            in it, and its mean ``jerk_m_s3``. A shorter clip counts whole, and one under 4 frames
-            not at all.
+    Each has ``start_s`` and ``end_s``, the ``name`` of the motion with the highest jerk in it, and
+    its mean ``jerk_m_s3``. A shorter clip counts whole, and one under 4 frames not at all.
     """
     means = {name: _means(derivative_magnitudes(track, 3), FPS) for name, track in tracks.items()}
     lengths = {name: min(FPS, len(track)) for name, track in tracks.items()}
@@ -294,8 +292,7 @@ class TranscriptLoader:
     def wait(self, on_wait: Callable[[], None]) -> tuple[Transcript, tuple[str, ...]]:
         """Wait for the words, and return them with notes for the user.
 
-        Args:
-            on_wait: called repeatedly while waiting; an exception from it stops the wait.
+        ``on_wait`` is called repeatedly meanwhile; an exception from it stops the wait.
         """
         notes = () if self._words_file is None else self._words_file.notes
         if self._recognition is None:
@@ -331,15 +328,11 @@ def point_curves(track: Float[np.ndarray, "T 3"]) -> dict[str, Curve]:
 def derivative_curve(
     track: Float[np.ndarray, "T 3"], order: int, decimals: int, max_points: int = MAX_POINTS
 ) -> Curve:
-    """Compute the magnitude of a point's derivative over time.
+    """Compute the magnitude of a derivative over time of a point's positions (m) at 30 frames/s.
 
-    Args:
-        track: positions (T, 3) in metres, 30 frames per second.
-
-    Returns:
-        ``start_s`` and ``step_s`` of the ``values``, each at the middle of the frames it comes
-            from; empty for clips that are too short. A curve longer than ``max_points`` keeps the
-            maximum of each stretch, so that no peak is lost.
+    Returns ``start_s`` and ``step_s`` of the ``values``, each at the middle of the frames it comes
+    from; empty for clips that are too short. A curve longer than ``max_points`` keeps the maximum
+    of each stretch, so that no peak is lost.
     """
     values = derivative_magnitudes(track, order)
     stride = max(1, -(-len(values) // max_points))

@@ -32,10 +32,8 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
     """Write the report and its tables and figure; return their paths, the report first.
 
     The files are ``report.html``, ``results.csv``, ``participants.csv``, ``table.tex``,
-    ``preference.pdf`` and, of choices, ``battles.csv``.
-
-    Raises:
-        RunError: if the key cannot be used, or no participant is left to analyse.
+    ``preference.pdf`` and, of choices, ``battles.csv``. Raises RunError if the key cannot be used,
+    or no participant is left to analyse.
     """
     from app.study.report.figures import result_bars, write_pdf
     from app.study.report.report import latex_table, participants_csv, render_report, results_csv

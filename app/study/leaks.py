@@ -128,11 +128,7 @@ class ExportedStudy:
 def find_leaks(folder: Path) -> list[str]:
     """Find what reveals the system in an export, and stray, missing or changed files.
 
-    Returns:
-        One sentence for each leak; empty without leaks.
-
-    Raises:
-        RunError: if the folder holds no finished export.
+    Returns one sentence for each leak. Raises RunError if the folder holds no finished export.
     """
     folders = ExportFolders(folder)
     if not folders.key.is_file():

@@ -124,9 +124,8 @@ class PreparedData:
     ) -> Batch:
         """Draw ``size`` windows of ``window`` frames, every possible start equally likely.
 
-        Args:
-            context: frames of speech before and after each window; its ends repeat at a clip's
-                ends.
+        Each has ``context`` frames of speech before and after it; at a clip's ends, its ends
+        repeat.
         """
         usable = [clip for clip in clips if clip.num_frames >= window]
         if not usable:
@@ -222,9 +221,8 @@ def derived_arrays(
 ) -> list[np.ndarray]:
     """Map arrays derived from all frames of ``data``, after making them clip by clip if needed.
 
-    Args:
-        origin: what the arrays depend on; arrays of another origin are made again.
-        by_clip: for each clip in turn, its rows of each array.
+    Arrays of another ``origin`` are made again; ``by_clip`` yields for each clip in turn its rows
+    of each array.
     """
     index = data.cache_folder / f"{name}.json"
     if not index.is_file() or json.loads(index.read_text()) != origin:

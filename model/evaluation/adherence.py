@@ -347,10 +347,9 @@ def score_recording(motion: Motion, plan: GesturePlan, scores: Scores) -> None:
 def evaluate_adherence(
     folder: Path, weights: Path, num_clips: int, num_edits: int, seed: int
 ) -> Iterator[dict[str, dict[str, float]]]:
-    """Run the protocol; yields the results of all clips so far by metric after each clip.
+    """Run the protocol with ``num_edits`` edits of each clip.
 
-    Args:
-        num_edits: number of edits of each clip.
+    Yields the results of all clips so far by metric after each clip.
     """
     scores, rng = Scores(list), np.random.default_rng(seed)
     system = load_system(default_planning_system(), weights)

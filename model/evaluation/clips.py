@@ -207,11 +207,7 @@ class ClipContext:
         foreign_speech_motions: Sequence[Motion] = (),
         other_metrics: Mapping[str, float] = MappingProxyType({}),
     ) -> ClipRow:
-        """Compute the metrics of one row.
-
-        Args:
-            foreign_speech_motions: the system's motions for the foreign speech with the same noise.
-        """
+        """Compute the metrics of one row; motions for the foreign speech have the same noise."""
         positions = [pelvis_centred_positions(motion) for motion in motions]
         numbers = [
             clip_measures(motion, self.recorded, joints)
@@ -333,14 +329,10 @@ class ClipEvaluator:
 
 
 def clip_metrics_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> dict:
-    """Compute intervals over clips, in parts.
+    """Compute intervals over clips, each with its speaker, in parts.
 
-    Args:
-        speakers: speaker of each clip.
-
-    Returns:
-        ``motion``: metrics by row; ``fmd_floor``, ``fed_floor``, ``fgd_floor``: recorded halves
-            against each other, for each distance that is available.
+    ``motion`` has the metrics by row; ``fmd_floor``, ``fed_floor``, ``fgd_floor`` are recorded
+    halves against each other, for each distance that is available.
     """
     motion: dict[str, dict[str, dict]] = {}
     recorded = [rows[RECORDED] for rows in clips]

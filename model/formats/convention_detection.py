@@ -64,11 +64,8 @@ def finish_import(
 ) -> ImportedMotion:
     """Convert a draft to our conventions, with all that was assumed.
 
-    Args:
-        mean_hands: mean hand pose of the licensed body, if there is one.
-
-    Raises:
-        MotionError: for rates that cannot be resampled, and impossible values from the user.
+    ``mean_hands`` is the mean hand pose of the licensed body, if there is one. Raises MotionError
+    for rates that cannot be resampled, and impossible values from the user.
     """
     _split_joined_samples(draft)
     _hands(draft, mean_hands)

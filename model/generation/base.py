@@ -301,9 +301,8 @@ class System(ABC):
     ) -> MotionConstraint | None:
         """Return the constraint for one sample's motion; None if nothing constrains it.
 
-        Args:
-            condition: None for one that arrives with the speech.
-            state: the decisions of an earlier constraint (`MotionConstraint.state`).
+        The condition is None if it arrives with the speech; ``state`` has the decisions of an
+        earlier constraint (`MotionConstraint.state`).
         """
         return None
 
@@ -316,9 +315,8 @@ class System(ABC):
     def resolve_sampling(self, options: Sampling) -> Sampling:
         """Return the sampling options with this system's defaults filled in.
 
-        Raises:
-            UnknownNameError: if it has no such sampler.
-            ValueError: if the guidance scale is not 1 for a system without guidance.
+        Raises UnknownNameError if it has no such sampler, ValueError if the guidance scale is not 1
+        for a system without guidance.
         """
         samplers = {sampler.name: sampler for sampler in self.samplers}
         name = self.samplers[0].name if options.sampler is None else options.sampler
@@ -345,9 +343,8 @@ class System(ABC):
     def window(self, speech: SpeechWindow, before: Window | None, spec: WindowSpec) -> Window:
         """Generate one window of motion for each sample.
 
-        Args:
-            before: the result for the window before, whole or cut shorter; its last ``overlap``
-                frames are the first of this one. None at the start of a clip.
+        ``before`` is the result for the window before, whole or cut shorter; its last ``overlap``
+        frames are the first of this one. None at the start of a clip.
         """
 
     def join(self, older: Window, newer: Window) -> Window:

@@ -227,9 +227,8 @@ class Family:
     def make_task(self, config: "TrainConfig", data: "PreparedData", setup: "TaskSetup") -> "Task":
         """Return the training task of ``config``.
 
-        Raises:
-            CheckpointError: if weights that it needs are missing, damaged or of another shape.
-            DataError: if the data does not suit its networks.
+        Raises CheckpointError if weights that it needs are missing, damaged or of another shape;
+        DataError if the data does not suit its networks.
         """
         return import_module(f"{self.package}.task").make_task(config, data, setup)
 

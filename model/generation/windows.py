@@ -135,10 +135,8 @@ def motion_pieces(
     """Yield the result of `generate_motion` window by window.
 
     All pieces of a sample, concatenated, are its motion to the bit. The caller sets the number of
-    threads of torch, so that several systems can generate their pieces in turn.
-
-    Raises:
-        UnknownNameError, ValueError, Cancelled: as `generate_motion`.
+    threads of torch, so that several systems can generate their pieces in turn. Raises as
+    `generate_motion`.
     """
     if system.condition_type is None:
         yield from _generate_pieces(system, speech, options, should_cancel)

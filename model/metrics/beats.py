@@ -47,10 +47,8 @@ def speech_onsets(waveform: Float[np.ndarray, " N"]) -> Float[np.ndarray, " onse
 def read_mean_speeds(path: Path) -> Float[np.ndarray, " 13"]:
     """Read mean speeds (m/s) of `BEAT_JOINTS` from EMAGE's ``mean_vel_smplxflame_30.npy``.
 
-    The file is in BEAT2's folder ``weights`` and has one number for each of the 55 joints.
-
-    Raises:
-        MotionError: for any other file.
+    The file is in BEAT2's folder ``weights`` and has one number for each of the 55 joints. Raises
+    MotionError for any other file.
     """
     try:
         if path.stat().st_size > MAX_SPEEDS_BYTES:

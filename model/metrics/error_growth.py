@@ -76,11 +76,8 @@ def measure_error_growth(
 ) -> ErrorGrowth:
     """Measure on one motion how noise on local and on global rotations spreads along a chain.
 
-    Args:
-        noise_rad: standard deviation of each component of the random turns.
-
-    Raises:
-        ValueError: if no rotation moves the point: the pelvis is only ever translated.
+    Each component of the random turns has deviation ``noise_rad``. Raises ValueError if no rotation
+    moves the point: the pelvis is only ever translated.
     """
     chain = kinematic_chain(point)
     if not chain:

@@ -120,12 +120,9 @@ def estimate_rotation_noise_rad(
 ) -> Float[np.ndarray, " *joints"]:
     """Estimate the white noise of rotations: its standard deviation about each axis (rad).
 
-    The estimate is the median length of the third difference of the rotation, which is insensitive
-    to movement and to rare glitches: noise of deviation s gives sqrt(20) s on each axis. NaN under
-    4 frames.
-
-    Args:
-        velocity: from `angular_velocity` (rad/s).
+    From `angular_velocity` (rad/s). The estimate is the median length of the third difference of
+    the rotation, which is insensitive to movement and to rare glitches: noise of deviation s gives
+    sqrt(20) s on each axis. NaN under 4 frames.
     """
     third = np.linalg.norm(np.diff(velocity, n=2, axis=0), axis=-1) / FPS
     if not len(third):
@@ -166,9 +163,8 @@ def bend_angles_deg(
 ) -> BendAngles:
     """Compute flexion, sideways bend and whole bend (degrees).
 
-    Args:
-        bone: rest direction of the next bone, any length.
-        inwards: direction of flexion in the rest pose, for example a palm's normal.
+    ``bone`` is the rest direction of the next bone, of any length; ``inwards`` the direction of
+    flexion in the rest pose, for example a palm's normal.
     """
     along = bone / np.linalg.norm(bone)
     normal = inwards - (inwards @ along) * along

@@ -157,9 +157,8 @@ def l1_distance_to_mean(positions: Float[np.ndarray, "T J 3"]) -> float:
 def diversity_windows(motion: Motion) -> Float32[np.ndarray, "W 30 dim"]:
     """Cut the motion into consecutive windows of 2 s at 15 frames per second.
 
-    Returns:
-        Local rotations of 55 joints as axis times an angle up to pi (165 numbers, radians), then 52
-        ARKit blendshapes if the motion has them.
+    They have local rotations of 55 joints as axis times an angle up to pi (165 numbers, radians),
+    then 52 ARKit blendshapes if the motion has them.
     """
     num_windows = motion.num_frames // WINDOW_FRAMES
     frames = slice(0, num_windows * WINDOW_FRAMES, EVERY_FRAMES)

@@ -258,10 +258,8 @@ def seam_jerk_ratio(jerk: Float[np.ndarray, " N"], window_advance: int, overlap:
     At 1, seams do not differ from the rest. A seam is the first frame of every window but the
     first, where the frames that two windows share start. Its stretch holds every third difference
     that touches frames ``join - 1`` to ``join + overlap``: a pop shows wherever in the shared
-    frames it sits. NaN without a whole seam or without a stretch clear of seams.
-
-    Args:
-        jerk: entry i is over frames i to i + 3, averaged over points (m/s³).
+    frames it sits. NaN without a whole seam or without a stretch clear of seams. Entry i of
+    ``jerk`` is over frames i to i + 3, averaged over points (m/s³).
     """
     stretch = overlap + 5
     is_interior = np.ones(len(jerk), dtype=bool)

@@ -121,9 +121,8 @@ def arm_rotation_correlation_same_noise(motions: Grid) -> float:
 def speech_and_noise_shares(motions: Grid) -> dict[str, SharedInputCorrelations]:
     """Compute for each body part how far speech and noise determine the motion.
 
-    Raises:
-        ValueError: unless there are two or more speeches, each with the same two or more seeds, and
-            each motion lasts `LEAST_FRAMES` or longer.
+    Raises ValueError unless there are two or more speeches, each with the same two or more seeds,
+    and each motion lasts `LEAST_FRAMES` or longer.
     """
     speeches, seeds = (sorted({key[k] for key in motions}) for k in (0, 1))
     if len(speeches) < 2 or len(seeds) < 2 or len(motions) != len(speeches) * len(seeds):
@@ -208,12 +207,8 @@ def silence_speed_ratio(motion: Motion, voiced: Bool[np.ndarray, " T"]) -> dict[
     """Compute ``arms_in_silence`` and ``jaw_in_silence``, ratios of mean angular speeds.
 
     A ratio is the speed in the silences after speech over that during speech; 0 if all rests.
-
-    Args:
-        voiced: whether there is a voice, from the motion's first frame on.
-
-    Returns:
-        Empty if there is no such silence; without a part that does not even move during speech.
+    ``voiced`` says from the motion's first frame on whether there is a voice. Empty if there is no
+    such silence; without a part that does not even move during speech.
     """
     frames = min(motion.num_frames, len(voiced))
     spoken, silent = speech_and_silence_masks(voiced[:frames])

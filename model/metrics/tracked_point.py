@@ -50,8 +50,7 @@ def attribute_jerk(
 ) -> JerkAttribution:
     """Compute the relative drop of the mean jerk of ``point`` for each joint of its chain.
 
-    Args:
-        chain: joints with rotations that move the point, pelvis first (`tracks.kinematic_chain`).
+    Rotations of the chain move the point; it starts at the pelvis (`tracks.kinematic_chain`).
     """
     whole = _mean_jerk(point)
     share = np.full(len(chain), np.nan)

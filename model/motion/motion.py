@@ -137,11 +137,7 @@ def remove_lag(motion: Motion, lag_s: float) -> Motion:
 
 
 def save_motion(motion: Motion, path: str | Path, **texts: str) -> None:
-    """Write BEAT2's npz with ``expression_basis``, atomically.
-
-    Args:
-        texts: additional keys, which readers ignore.
-    """
+    """Write BEAT2's npz with ``expression_basis`` and ``texts``, ignored by readers, atomically."""
     further: dict[str, Any] = {key: np.array(text) for key, text in texts.items()}
     with written_atomically(path) as temporary, open(temporary, "wb") as file:
         np.savez_compressed(

@@ -64,9 +64,8 @@ def pack(
 ) -> Float[Tensor, "*batch T C"]:
     """Pack rotations and root positions into motion vectors.
 
-    Args:
-        rotations: values of each joint (row-6D, or axis-angle), in the network's rotation space.
-        transl: root position in metres, y up; as "place", relative to the body's home.
+    The rotations of each joint (row-6D, or axis-angle) are in the network's rotation space;
+    ``transl`` is the root position in metres, y up; as "place", relative to the body's home.
     """
     if root_format == "place":
         return join_channels(rotations, transl)
@@ -90,8 +89,7 @@ def root_positions(
 ) -> Float[Tensor, "*batch T 3"]:
     """Compute root positions in metres from root channels.
 
-    Args:
-        root: (velocity x, height, velocity z), integrated from x = z = 0, or the position itself.
+    They are (velocity x, height, velocity z), integrated from x = z = 0, or the position itself.
     """
     if root_format == "place":
         return root
@@ -135,9 +133,8 @@ class Normaliser:
     ) -> "Normaliser":
         """Fit the statistics of ``vectors``; a group's std is the root of its mean variance.
 
-        Args:
-            representation: ``raw`` does not scale row-6D rotations (mean 0, std 1).
-            groups: channels that share one std; by default those of row-6D vectors.
+        The representation ``raw`` does not scale row-6D rotations (mean 0, std 1). Each of the
+        groups of channels shares one std; by default those of row-6D vectors.
         """
         mean = vectors.mean(0)
         variance = vectors.var(0)

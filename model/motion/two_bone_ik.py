@@ -65,9 +65,8 @@ class HingedLimb:
     ) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"]]:
         """Compute the rotations of the upper bone, and of the lower relative to it, for ``span``.
 
-        Args:
-            span: from the limb's root to the target of its end.
-            pole: the direction in which the middle joint lies off the span.
+        The span is from the limb's root to the target of its end; the middle joint lies off it in
+        the direction ``pole``.
         """
         turned = rotations_about_axis(
             self.hinge_axis, self.bend_for_length(np.linalg.norm(span, axis=-1))

@@ -81,8 +81,7 @@ def is_textgrid(text: str) -> bool:
 def parse_textgrid(text: str, name: str, error: type[ValueError]) -> tuple[list[NamedTier], float]:
     """Parse the tiers of a TextGrid with all rows, and its duration (s); missing numbers are nan.
 
-    Raises:
-        error: for another text, or one with fewer tiers or rows than it states.
+    Raises ``error`` for another text, or one with fewer tiers or rows than it states.
     """
     if not is_textgrid(text):
         raise error(f"{name} is not a TextGrid; save one as text in Praat.")
@@ -143,8 +142,7 @@ def format_textgrid(
 ) -> str:
     """Format tiers in Praat's long text format, filling gaps with empty intervals.
 
-    Args:
-        tier_end_s: xmax of the tiers, which may end later; by default ``duration_s``.
+    ``tier_end_s`` is the xmax of the tiers, which may end later; by default ``duration_s``.
     """
     tier_end_s = tier_end_s or duration_s
     lines = [
@@ -235,9 +233,7 @@ _DOCUMENT = """\
 def parse_elan(data: bytes, name: str) -> tuple[list[NamedTier], float, tuple[str, ...]]:
     """Parse an ELAN file's tiers in media time, its duration or last time (s), and notes.
 
-    Raises:
-        PlanError: if it is not an ELAN file, or a dangerous one; ``name`` is the file's in the
-        message.
+    Raises PlanError, with the file's name, if it is not an ELAN file, or a dangerous one.
     """
     root = _parsed(data, name)
     if root.tag != "ANNOTATION_DOCUMENT":
@@ -268,11 +264,8 @@ def parse_elan(data: bytes, name: str) -> tuple[list[NamedTier], float, tuple[st
 def format_elan(tiers: Sequence[NamedTier], duration_s: float, sound: str = "") -> str:
     """Format tiers as an ELAN file; times are rounded to milliseconds.
 
-    Args:
-        sound: path of the speech, relative to the file's folder.
-
-    Raises:
-        PlanError: if a label holds characters that XML cannot.
+    The path of the sound is relative to the file's folder. Raises PlanError if a label holds
+    characters that XML cannot.
     """
     slots: list[int] = []
     names: dict[tuple[str, float], str] = {}

@@ -123,8 +123,7 @@ def add_gesture(
 ) -> PlanResult:
     """Add a gesture of the palette with a stroke that ends at ``stroke_end_s``.
 
-    Args:
-        hands: None is both for kinds that both hands make, or else the right.
+    ``hands`` None is both for kinds that both hands make, or else the right.
     """
     if kind not in USUAL_STROKE_GOALS:
         raise PlanError(

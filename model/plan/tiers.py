@@ -53,12 +53,9 @@ _MAX_LISTED = 6
 def plan_to_tiers(plan: GesturePlan, *, for_praat: bool = False) -> tuple[NamedTier, ...]:
     """Convert a plan to tiers, with times and numbers rounded to four decimals.
 
-    Args:
-        for_praat: without parent tiers, which Praat lacks: phases and kinds share one label, and
-            words and goals are points at the phases' ends.
-
-    Raises:
-        PlanError: if events of one list overlap: no tier can hold them.
+    Praat lacks parent tiers: for it, phases and kinds share one label, and words and goals are
+    points at the phases' ends. Raises PlanError if events of one list overlap: no tier can hold
+    them.
     """
     tiers: list[NamedTier] = []
     for side in SIDES:

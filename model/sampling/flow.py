@@ -71,10 +71,8 @@ def sample(
     ``euler`` (one evaluation a step) and ``heun`` (two, but one in the last step) solve the ODE
     ``dx/dt = (x_1(x, t) - x) / (1 - t)``. ``reinterpolate`` is the official GlobalDiff procedure:
     at the start and at the middle of each step, predict x_1 and return to the straight path from
-    the *same* noise; it is not an ODE solver. Its result is the last prediction.
-
-    Raises:
-        ValueError: if ``steps`` is below 1.
+    the *same* noise; it is not an ODE solver. Its result is the last prediction. Raises ValueError
+    if ``steps`` is below 1.
     """
     if steps < 1:
         raise ValueError(f"steps is {steps}; at least 1 is needed.")

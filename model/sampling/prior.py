@@ -76,8 +76,7 @@ class GaussianPrior(nn.Module):
     ) -> Float[Tensor, "C T B"]:
         """Transform motion into eigenvector coordinates of the prior without or with a seed.
 
-        Args:
-            has_seed: 0 or 1 for all samples, or a mask.
+        ``has_seed`` is 0 or 1 for all samples, or a mask.
         """
         return self._by_seed(has_seed, lambda case: self.vectors[case].mT @ x.permute(2, 1, 0))
 
@@ -132,8 +131,7 @@ class GaussianPrior(nn.Module):
     ) -> Float[Tensor, "B T C"]:
         """Compute ``m + covariance / s_t^2 (x_t - t m)`` along each eigenvector.
 
-        Args:
-            covariance: that of estimate and x_t, without and with a seed.
+        The covariance is that of estimate and x_t, without and with a seed.
         """
         slopes = covariance / self._std(t).square()  # (2, C, T, B)
 
@@ -176,11 +174,8 @@ class GaussianPrior(nn.Module):
     ) -> Float[Tensor, "B T C"]:
         """Integrate over the angle theta; one evaluation a step, two with ``heun`` (last: one).
 
-        Args:
-            predict: prediction of x_1 by a network with this prior.
-
-        Raises:
-            ValueError: if ``steps`` is below 1.
+        ``predict`` is the prediction of x_1 by a network with this prior. Raises ValueError if
+        ``steps`` is below 1.
         """
         if steps < 1:
             raise ValueError(f"steps is {steps}; at least 1 is needed.")

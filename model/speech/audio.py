@@ -107,11 +107,9 @@ def load_speech(path: str | Path, options: SpeechReadOptions = SpeechReadOptions
 
     Channels are mixed to one; if they cancel each other, the loudest alone is used. Of several
     tracks the first that is not silent is used. Where the file's time stamps show a late start or
-    gaps, these are filled with silence. ``notes`` lists what was changed or missing.
-
-    Raises:
-        SpeechError: if the file is missing, is not a sound file, is too short, too long, too large,
-            silent, or holds values that are not finite; one sentence with the file's name.
+    gaps, these are filled with silence. ``notes`` lists what was changed or missing. Raises
+    SpeechError if the file is missing, is not a sound file, is too short, too long, too large,
+    silent, or holds values that are not finite; one sentence with the file's name.
     """
     path = Path(path)
     name = printable(path.name)[:100]

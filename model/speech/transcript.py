@@ -139,10 +139,8 @@ def read_textgrid_transcript(path: str | Path) -> Transcript:
     Pauses are left out. Words are taken from the tier with a name in `WORD_TIERS`, or from the only
     one with a speaker's name ("anna - words"), or from the only interval tier; phones from the tier
     with a name in `PHONE_TIERS`, if it is valid; gestures from the first `MAX_GESTURE_TIERS` with a
-    name that matches `GESTURE_TIER`.
-
-    Raises:
-        TranscriptError: if the file is missing, too large, no such TextGrid, or has no words.
+    name that matches `GESTURE_TIER`. Raises TranscriptError if the file is missing, too large, no
+    such TextGrid, or has no words.
     """
     path = Path(path)
     text, _ = _text_in(path)
@@ -152,11 +150,9 @@ def read_textgrid_transcript(path: str | Path) -> Transcript:
 def read_words_file(path: str | Path) -> WordsFile:
     """Read a TextGrid, a file of timed words or captions (`ENDINGS`), or a plain text (.txt, .lab).
 
-    Captions and segments of more than one word each are returned as a text without times.
-
-    Raises:
-        TranscriptError: as `read_textgrid_transcript`, or if another file is too large, damaged, or
-            has no words.
+    Captions and segments of more than one word each are returned as a text without times. Raises
+    TranscriptError as `read_textgrid_transcript`, or if another file is too large, damaged, or has
+    no words.
     """
     path = Path(path)
     name, ending = path.name, path.suffix.lower()

@@ -50,10 +50,8 @@ class WavLMEncoder:
 def load_speech_model(folder: Path, class_name: str) -> tuple[SpeechModel, int]:
     """Load a model of transformers by its class name and its folder of weights.
 
-    Returns an encoder of windows of speech, and the feature dimension.
-
-    Raises:
-        EncoderError: if the package is not installed, or the weights cannot be read.
+    Returns an encoder of windows of speech, and the feature dimension. Raises EncoderError if the
+    package is not installed, or the weights cannot be read.
     """
     try:
         import transformers

@@ -95,11 +95,8 @@ def parse_recogniser_json(
 ) -> tuple[list[Interval], int]:
     """Parse the words of Whisper, WhisperX or Gentle, or else the segments of Whisper.
 
-    Returns:
-        Words or segments, and the number of words without times, which are left out.
-
-    Raises:
-        error: if the text is none of these.
+    Returns words or segments, and the number of words without times, which are left out. Raises
+    ``error`` if the text is none of these.
     """
     try:
         content = json.loads(text)

@@ -62,11 +62,7 @@ class WordRecognition:
     """
 
     def __init__(self, waveform: Float32[np.ndarray, " N"], text: str | None = None) -> None:
-        """Start the recognition or alignment.
-
-        Args:
-            text: the text to align; None to recognise the words.
-        """
+        """Start the alignment of a text, or the recognition without one."""
         self._is_aligned = text is not None
         self._result: RecognitionResult | None = None
         self._child: Child | None = None

@@ -97,10 +97,8 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
     """Read a checkpoint's tensors by the names of the bare network, floats as float32.
 
     Files of any version of ``torch.save`` are read, alone or in a zip, with or without the prefix
-    of a parallel network, from any device; nothing in them is executed.
-
-    Raises:
-        CheckpointError: if it is not such a file.
+    of a parallel network, from any device; nothing in them is executed. Raises CheckpointError for
+    any other file.
     """
     try:
         content = _loaded(path)

@@ -54,10 +54,8 @@ def write_error(path: Path, error: OSError) -> WriteError:
 def written_atomically(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path in the same folder that becomes ``path`` if the block succeeds.
 
-    If the block raises, the temporary file is removed and an older ``path`` is unchanged.
-
-    Raises:
-        WriteError: in place of any other `OSError`, with the reason in one sentence.
+    If the block raises, the temporary file is removed and an older ``path`` is unchanged. Raises
+    WriteError in place of any other `OSError`, with the reason in one sentence.
     """
     path = Path(path)
     temporary = path.with_name(f".{secrets.token_hex(6)}.part{path.suffix}")
@@ -158,9 +156,8 @@ class _LimitedReader(io.BufferedReader):
 def open_limited_zip(path: Path, max_directory_bytes: int) -> Iterator[zipfile.ZipFile]:
     """Open a zip; its directory, which `zipfile` reads whole and at once, is of limited length.
 
-    Raises:
-        ZipDirectoryTooLargeError: if it is longer; nothing of it was read.
-        OSError, ValueError, NotImplementedError, BadZipFile: as `zipfile.ZipFile`.
+    Raises ZipDirectoryTooLargeError if it is longer, having read nothing of it; else as
+    `zipfile.ZipFile`.
     """
     with path.open("rb", buffering=0) as raw, _LimitedReader(raw) as file:
         file.max_read = max_directory_bytes

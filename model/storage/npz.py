@@ -72,11 +72,8 @@ def read_headers(
 ) -> dict[str, Header]:
     """Read the shape and dtype of every array; nothing is unpacked but the first bytes of each.
 
-    Args:
-        allow_objects: list arrays of Python objects, which are never loaded, instead of raising.
-
-    Raises:
-        MotionError: for too many or too large arrays, and for members that are not arrays.
+    Arrays of Python objects, which are never loaded, are listed on request. Raises MotionError for
+    too many or too large arrays, and for members that are not arrays.
     """
     entries = archive.infolist()
     size = sum(entry.file_size for entry in entries)

@@ -93,9 +93,8 @@ def make_card(
 ) -> dict[str, Any]:  # fmt: skip
     """Return the card of the weights after some steps.
 
-    Args:
-        origin: identity of the weights that the training started from; None without.
-        is_bundled: true if those were the bundled weights.
+    ``origin`` identifies the weights that the training started from, and ``is_bundled`` says
+    whether those were the bundled ones.
     """
     corpus = folder / "corpus.json"
     train_clips = data.clips_of_split("train")

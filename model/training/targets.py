@@ -136,10 +136,8 @@ def network_conditions(
 ) -> dict[str, Tensor]:
     """Return the conditioning of this shard's windows: speech, speaker, and masks.
 
-    The masks say for which samples speech and seed are not dropped.
-
-    Args:
-        droppable: names of the inputs with dropout, drawn in this order; others are never dropped.
+    The masks say for which samples speech and seed are not dropped. Dropout of the ``droppable``
+    inputs is drawn in their order; others are never dropped.
     """
     everybody = torch.ones(len(batch.clip_names), dtype=torch.bool)
     conditions: dict[str, Tensor] = dict.fromkeys(

@@ -92,8 +92,7 @@ class Task(Protocol):
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
         """Update the weights once, and return the values for the log.
 
-        Raises:
-            FloatingPointError: if a loss is not finite; the weights are unchanged then.
+        Raises FloatingPointError if a loss is not finite; the weights are unchanged then.
         """
         ...
 

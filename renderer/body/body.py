@@ -235,11 +235,9 @@ class Body(BodyArrays):
 def load_body(path: Path | None = None, look: str = BODY_LOOKS[0]) -> Body:
     """Load the open body in one of `BODY_LOOKS`, or the file at ``path``.
 
-    The file is an SMPL-X body (``.npz``) or a character (``.vrm``, ``.glb``).
-
-    Raises:
-        BodyError: with one sentence if the file is not a body that can be posed, or the look is
-            unknown or not available for the file.
+    The file is an SMPL-X body (``.npz``) or a character (``.vrm``, ``.glb``). Raises BodyError with
+    one sentence if the file is not a body that can be posed, or the look is unknown or not
+    available for the file.
     """
     if look not in BODY_LOOKS:
         raise BodyError(f"Unknown look '{look}'; choose one of {', '.join(BODY_LOOKS)}.")

@@ -103,13 +103,9 @@ class BodyArrays:
 
 
 def read_body_file(path: Path, body_build: str = BODY_BUILDS[0]) -> BodyArrays:
-    """Read and check the arrays of a body file.
+    """Read and check the arrays of a body file; an open body has several builds.
 
-    Args:
-        body_build: build to read from an open body.
-
-    Raises:
-        BodyError: if the file is missing, no body, damaged, or not SMPL-X shaped.
+    Raises BodyError if the file is missing, no body, damaged, or not SMPL-X shaped.
     """
     if not path.is_file():
         raise BodyError(f"There is no body file at {path}.")

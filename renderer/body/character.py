@@ -237,8 +237,7 @@ class _Character:
     def _owners(self) -> list[int]:
         """Return the joint whose bone each node follows: its own or its nearest ancestor's.
 
-        Raises:
-            BodyError: if a bone does not follow from the one before it on a person.
+        Raises BodyError if a bone does not follow from the one before it on a person.
         """
         joint_of = {node: JOINT_INDEX[name] for name, node in self.bones.items()}
         owners = [0] * len(self._gltf.nodes)
@@ -563,8 +562,7 @@ def _twisted(
 ) -> Turns:
     """Return rotations of a limb's two bones, twisted until a normal at its end lies as wanted.
 
-    Args:
-        most: largest twist of the upper bone (rad); the lower bone has the rest as well.
+    The upper bone twists at most by ``most`` (rad); the lower bone has the rest as well.
     """
     start, middle, end = limb
     first, second = turns[start], turns[middle]

@@ -179,8 +179,7 @@ def pack_texture_atlas(
 ) -> tuple[UInt8[np.ndarray, "H W 4"], list[tuple[int, int, int, int]]]:
     """Lay pictures out in rows of one atlas, all smaller by one factor if they do not fit.
 
-    Returns:
-        The atlas, and the left, top, width and height of each picture in it.
+    Returns the atlas, and the left, top, width and height of each picture in it.
     """
     scale = 1.0
     while True:

@@ -426,9 +426,8 @@ class TexturedQuad:
     ) -> None:
         """Make the square.
 
-        Args:
-            corners: positions at texture coordinates (0,0), (1,0), (1,1), (0,1).
-            pixels: picture with row 0 at texture coordinate v = 0.
+        Corners are at texture coordinates (0,0), (1,0), (1,1), (0,1); row 0 of the pixels is at v =
+        0.
         """
         held = trimesh.Trimesh(
             corners,

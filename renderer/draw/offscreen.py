@@ -37,10 +37,8 @@ def load_opengl(backend: Backend) -> None:
     """Load pyrender and PyOpenGL for one backend, once per process.
 
     PyOpenGL reads ``PYOPENGL_PLATFORM`` only when it is first imported; so this is the only
-    function that sets it and that imports pyrender.
-
-    Raises:
-        GLError: if the libraries are missing, or the process already runs the other backend.
+    function that sets it and that imports pyrender. Raises GLError if the libraries are missing, or
+    the process already runs the other backend.
     """
     if "OpenGL" in sys.modules and os.environ.get("PYOPENGL_PLATFORM") != backend:
         raise GLError(

@@ -33,10 +33,8 @@ class BackendReport:
 def choose_backend() -> Backend:
     """Return EGL if it works, else OSMesa; cached for this process.
 
-    EGL uses graphics processors, and is also faster without one.
-
-    Raises:
-        GLError: if none works, with the packages to install.
+    EGL uses graphics processors, and is also faster without one. Raises GLError if none works, with
+    the packages to install.
     """
     for name in BACKENDS:
         if probe_backend(name).works:

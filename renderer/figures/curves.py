@@ -101,12 +101,9 @@ STEP_SWEEP_CAPTION = (
 def draw_sampling_step_sweep(points: "DataFrame") -> "Figure":
     """Draw quality against time: one curve per system, one mark per number of steps.
 
-    Args:
-        points: columns ``system``, ``steps``, ``ms_per_frame`` and those of `STEP_PANELS`; the rows
-            of one system sorted by steps.
-
-    Raises:
-        FigureError: if there is no point, or a point has a number that cannot be drawn.
+    The points have the columns ``system``, ``steps``, ``ms_per_frame`` and those of `STEP_PANELS`;
+    the rows of one system are sorted by steps. Raises FigureError if there is no point, or a point
+    has a number that cannot be drawn.
     """
     from matplotlib.ticker import LogLocator
 
@@ -152,9 +149,8 @@ def draw_sampling_step_sweep(points: "DataFrame") -> "Figure":
 def draw_noise_shift_along_chain(rms_shifts: "DataFrame") -> "Figure":
     """Draw the shift of points along the kinematic chain under noise on local and global rotations.
 
-    Args:
-        rms_shifts: shifts in metres, one row per ``point``: ``local`` and ``global`` are measured
-            (marks), ``predicted_local`` and ``predicted_global`` are the closed form (lines).
+    The shifts are in metres, one row per ``point``: ``local`` and ``global`` are measured (marks),
+    ``predicted_local`` and ``predicted_global`` are the closed form (lines).
     """
     figure = style.new_figure(style.COLUMN_MM, 70.0)
     axes = figure.subplots()

@@ -30,10 +30,8 @@ def lay_out(figure: "Figure") -> None:
     """Place the titles, legends, subfigures and axes of a new figure, once.
 
     Titles and legends of a (sub)figure are above its grid. Subfigures divide the room below by
-    their ratios; axes divide what the largest labels of their row and column leave of it.
-
-    Raises:
-        FigureError: if nothing is left for some axes.
+    their ratios; axes divide what the largest labels of their row and column leave of it. Raises
+    FigureError if nothing is left for some axes.
     """
     pixels_per_pt = figure.dpi / 72.0
     _lay_out_part(figure, figure.bbox.padded(-MARGIN_PT * pixels_per_pt), pixels_per_pt)

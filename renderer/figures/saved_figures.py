@@ -61,11 +61,7 @@ _TEXT = "contents"
 
 
 def save_figure_contents(path: Path, name: str, contents: object, caption: str) -> None:
-    """Write the contents of a figure, so that `draw_saved_figure` can draw it.
-
-    Args:
-        name: one of `DRAW_FUNCTIONS`.
-    """
+    """Write what `draw_saved_figure` needs to draw the figure ``name`` of `DRAW_FUNCTIONS`."""
     arrays: list[np.ndarray] = []
     metadata = {"name": name, "caption": caption}
     metadata["contents"] = _as_json(contents, arrays)

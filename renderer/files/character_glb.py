@@ -23,8 +23,7 @@ def character_glb_bytes(
 ) -> bytes:
     """Return a character's own file with the motion as animation; other bodies as `glb_bytes` does.
 
-    Raises:
-        BodyError: if the character's file has changed or gone since it was read.
+    Raises BodyError if the character's file has changed or gone since it was read.
     """
     rig = body.rig
     if rig is None:

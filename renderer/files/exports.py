@@ -144,12 +144,9 @@ def write_blender_npz(
     without pickled objects. The other keys are those of AMASS for SMPL-X, for tools that read the
     pose in parts, and ``expressions`` (T, 100), FLAME's coefficients, which BEAT2's version of the
     add-on requires; zeros where the motion has ARKit's weights. Choose in Blender: Format "SMPL-X"
-    (y up; "AMASS" would lay the body down), hand pose reference "Flat".
-
-    Args:
-        markers: times in seconds with names; written as the arrays ``marker_frames``, counted from
-            0,
-            and ``marker_names``, which the add-on ignores.
+    (y up; "AMASS" would lay the body down), hand pose reference "Flat". Markers are times in
+    seconds with names, written as the arrays ``marker_frames``, counted from 0, and
+    ``marker_names``, which the add-on ignores.
     """
     num_betas = max(_FEWEST_BETAS, int(np.flatnonzero(motion.betas).max(initial=-1)) + 1)
     betas = np.zeros(num_betas, np.float32)

@@ -52,8 +52,7 @@ def glb_bytes(
 ) -> bytes:
     """Return the file as bytes: about 0.25 MB per 10 s of motion, and 1.5 MB for the body.
 
-    Args:
-        coarser_faces: faces of meshes with fewer faces for slow viewers, which no node shows.
+    ``coarser_faces`` are of meshes with fewer faces for slow viewers, which no node shows.
     """
     vertices, joints = body.shaped_vertices_and_joints(motion)
     buffer = GlbBuilder()
@@ -326,12 +325,9 @@ def make_animation(
     channels: Sequence[tuple[int, str, int]],
     markers: Sequence[tuple[float, str]] = (),
 ) -> dict[str, Any]:
-    """Return an animation.
+    """Return an animation of channels: node, path (such as ``rotation``) and accessor.
 
-    Args:
-        channels: node, path (such as ``rotation``) and accessor of each channel.
-        markers: times in seconds with names; glTF has no markers, so they are in the ``extras``,
-            with their frame.
+    glTF has no markers (seconds with names), so they are in the ``extras``, with their frame.
     """
     times = buffer.add_accessor(np.arange(num_frames, dtype=np.float32) / FPS, bounds=True)
     animation: dict[str, Any] = {

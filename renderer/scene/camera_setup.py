@@ -92,9 +92,7 @@ def layout_panels(
 ) -> tuple[Panel, ...]:
     """Return the panels: the body, then the close-ups, with the face above and the hands below.
 
-    Args:
-        body_width, body_height: size of the body's panel; each close-up adds half its width to
-            the height.
+    The size is that of the body's panel; each close-up adds half its width to the height.
     """
     tall = body_width // 2 - body_width // 2 % 2
     above = tall if "face" in close_ups else 0

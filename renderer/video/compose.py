@@ -292,8 +292,7 @@ def draw_label_band(
 ) -> UInt8[np.ndarray, "B W 3"]:
     """Draw the band above a row of pictures, with each label in one line, centred on its picture.
 
-    Args:
-        width: width of the band if it is wider than its row, which is then centred.
+    The row is centred in the ``width`` of the band if that is wider.
     """
     height = label_band_height(shorter_side_px)
     width = width or picture_width * len(labels)

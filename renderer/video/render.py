@@ -108,14 +108,9 @@ def draw_frames(
 ) -> Generator[UInt8[np.ndarray, "H W C"]]:
     """Yield the pictures of some frames of a motion; each is overwritten by the next.
 
-    Close the generator to stop early.
-
-    Args:
-        stage: camera and floor; by default made for this motion alone.
-
-    Raises:
-        ValueError: if a frame is outside the motion, or the stage has other close-ups than the
-            settings.
+    Close the generator to stop early. By default the stage, camera and floor, is made for this
+    motion alone. Raises ValueError if a frame is outside the motion, or the stage has other
+    close-ups than the settings.
     """
     if not isinstance(frames, slice):
         check_frames(frames, motion)

@@ -146,9 +146,7 @@ class _Worker:
     def progress(self) -> float:
         """Return the finished share of the job, from the child's messages.
 
-        Raises:
-            BodyError, GLError, ValueError, VideoError: as for `run_render_jobs`; GLError also if
-                the child died.
+        Raises as `run_render_jobs`; GLError also if the child died.
         """
         try:
             while self.stills is None and self._child.has_message(0.0):

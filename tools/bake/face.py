@@ -220,11 +220,7 @@ class FacePaint:
 
 
 def make_head(skin: Mesh, quads: Int[np.ndarray, "Q 4"], paint: FacePaint) -> Mesh:
-    """Add mouth, lips, brows and hair to the bare head.
-
-    Args:
-        paint: hairline and brow curves.
-    """
+    """Add mouth, lips, brows and hair to the bare head; ``paint`` has hairline and brow curves."""
     inside, lips = mouth_and_lips(quads)
     regions = np.full(len(quads), REGION_INDEX["skin"])
     regions[inside], regions[lips] = REGION_INDEX["mouth"], REGION_INDEX["lips"]

@@ -69,9 +69,7 @@ def labels_by_group(systems: Sequence[str]) -> dict[str, list[str]]:
 def read_catalogue(weights: Path, examples: tuple[Path, ...] = ()) -> Catalogue:
     """Read systems and speakers from the model cards in a folder of weights.
 
-    Raises:
-        RunError: if there is no system in that folder.
-        CheckpointError: if a card cannot be read.
+    Raises RunError if there is no system in it, CheckpointError if a card cannot be read.
     """
     names = list_systems(weights)
     if not names:

@@ -33,10 +33,8 @@ Fields = Mapping[str, Any]
 def parse_form_values(request: type[Any], form: Fields, values: Sequence[Any]) -> dict[str, Any]:
     """Validate the values of a form, and return them by field name.
 
-    Empty fields get the defaults of the request.
-
-    Raises:
-        RunError: if a value has the wrong type, is NaN, too long or not accepted by the request.
+    Empty fields get the defaults of the request. Raises RunError if a value has the wrong type, is
+    NaN, too long or not accepted by the request.
     """
     sent = dict(zip(form, values, strict=False))
     sent = {name: sent.get(name, part.value) for name, part in form.items()}

@@ -149,9 +149,8 @@ def upload_error(sentence: str) -> str:
 def verdict(numbers: str, judgement: str, bars: str = "") -> str:
     """Format the verdict of a run; empty if there are no numbers.
 
-    Args:
-        bars: HTML that shows the numbers in place of their sentence, beside the first sentence of
-            the judgement; the table of metrics has the others.
+    ``bars``, as HTML, replace the sentence of the numbers, beside the first sentence of the
+    judgement; the table of metrics has the others.
     """
     if not numbers:
         return ""
@@ -173,9 +172,8 @@ def bar_chart(
 ) -> str:
     """Format small bars, or dots with intervals over clips.
 
-    Args:
-        values: by label, the value as text, a colour, and the value with its interval's ends as
-            shares of the scale.
+    ``values`` has by label the value as text, a colour, and the value with its interval's ends as
+    shares of the scale.
     """
     items = "".join(
         f'<li style="--series:{color};--share:{share:.3f};--low:{low:.3f};--high:{high:.3f}">'
@@ -230,11 +228,7 @@ def mount_script(module: str, function: str) -> str:
 def group_choices(
     field: str, about: Mapping[str, str], groups: Mapping[str, Sequence[str]]
 ) -> None:
-    """Arrange the choices of a field in groups with a tooltip for each.
-
-    Args:
-        groups: labels by title; clicking a title ticks its whole group.
-    """
+    """Arrange a field's choices in groups, which a click on their title ticks, with tooltips."""
     gr.HTML(
         {"field": field, "about": dict(about), "groups": dict(groups)},
         html_template="",
@@ -260,8 +254,7 @@ def hidden_html(
 ) -> gr.HTML:
     """Make an HTML component that is hidden while empty, optionally mounted by a module.
 
-    Args:
-        part: part of the results that it belongs to; see app/page/web/player/parts.js.
+    ``part`` is the part of the results that it belongs to; see app/page/web/player/parts.js.
     """
     how = (
         {"js_on_load": mount_script(module, function), "apply_default_css": False} if module else {}

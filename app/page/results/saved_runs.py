@@ -249,8 +249,7 @@ def download_route(
 ) -> APIRoute:
     """Make the route that serves finished runs in one file format.
 
-    Args:
-        task: writes the file; its request is the run's folder and the path of the file.
+    ``task`` writes the file; its request is the run's folder and the path of the file.
     """
 
     async def answer(token: str, request: Request) -> Response:

@@ -210,8 +210,7 @@ class TabRunner(ABC):
     ) -> Any:
         """Attach queued runs to an event, such as ``button.click``, and return Gradio's dependency.
 
-        Args:
-            fields: fields of a form that is also part of the API, or components.
+        ``fields`` are those of a form that is also part of the API, or components.
         """
         run: Any = self.run
         if isinstance(fields, Mapping):
@@ -311,11 +310,7 @@ class TabRunner(ABC):
         request: RequestT,
         to_updates: EventsToUpdates | str = "",
     ) -> Generator[Updates, None, ResultT]:
-        """Run a task in the worker.
-
-        Args:
-            to_updates: function of the events, or the text of the status with a ``percent``.
-        """
+        """Run a task in the worker; ``to_updates`` may be the status as text with a ``percent``."""
         return self.run_with_updates(
             job, partial(self.services.worker.do, task, request), to_updates
         )

@@ -175,10 +175,8 @@ class Jobs:
         """Open a job with a private folder for the block; the folder stays for downloads.
 
         The folder and the uploads among a form's values are not deleted during the job, and start
-        to age at its end.
-
-        Raises:
-            RunError: if the owner's uploads and runs use too much of the disk already.
+        to age at its end. Raises RunError if the owner's uploads and runs use too much of the disk
+        already.
         """
         self.quota.measure_runs(owner)
         self.quota.require_space(owner)

@@ -34,11 +34,7 @@ class Quota:
     def __init__(
         self, max_bytes: float = math.inf, keep_s: float = 3600.0, proxies: Collection[str] = ()
     ) -> None:
-        """Configure the limit.
-
-        Args:
-            keep_s: lifetime of files, for the error message.
-        """
+        """Configure the limit; ``keep_s`` is the lifetime of files, for the error message."""
         self.max_bytes = max_bytes
         self._minutes = keep_s / 60
         self._proxies = [ipaddress.ip_network(proxy, strict=False) for proxy in proxies]

@@ -56,11 +56,7 @@ class LimitedQueue(queueing.Queue):
     """Event queue of one page, used only from Gradio's event loop, as its base class is."""
 
     def __init__(self, jobs: Jobs, max_waiting: int, **options: Any) -> None:
-        """Make the queue.
-
-        Args:
-            max_waiting: maximum number of waiting events, without checks of uploads.
-        """
+        """Make the queue of at most ``max_waiting`` waiting events, without checks of uploads."""
         super().__init__(max_size=None, **options)
         self.max_queue_size = max_waiting
         self.pending_messages_per_session = _AllMessages(MAX_SESSIONS)

@@ -103,9 +103,7 @@ def encoder_digests(metrics: MetricOptions) -> dict[str, str]:
 def check_fgd_options(metrics: MetricOptions, reference: Path | None) -> None:
     """Check before measuring that FGD has a recorded set and readable encoder files.
 
-    Raises:
-        RunError: without a recorded set.
-        CheckpointError: for any other file.
+    Raises RunError without a recorded set, CheckpointError for any other file.
     """
     if metrics.emage_weights is None and not metrics.genea_weights:
         return
@@ -174,10 +172,8 @@ def distance_rows(
 ) -> tuple[list[tuple[Any, ...]], list[str]]:
     """Return the distances of systems and their differences as table rows, and notes.
 
-    The notes say what is omitted. Without a recorded set, both are empty.
-
-    Args:
-        records: records of the clips, next to which their features are.
+    The notes say what is omitted. Without a recorded set, both are empty. The features of the clips
+    are next to their ``records``.
     """
     rows: list[tuple[Any, ...]] = []
     notes: list[str] = []

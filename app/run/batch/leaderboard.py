@@ -106,11 +106,8 @@ def entries_from_results(
 ) -> list[LeaderboardEntry]:
     """Make the entries of a folder of `diagnose` with whole sets.
 
-    Args:
-        note: note on all entries, such as the training or the paper.
-
-    Raises:
-        RunError: with one sentence.
+    The note, such as the training or the paper, is on all entries. Raises RunError with one
+    sentence.
     """
     files = (folder / BATCH, folder / FORMER_BATCH)
     path = next(filter(Path.is_file, files), files[0])

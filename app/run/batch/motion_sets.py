@@ -92,9 +92,7 @@ def measure_uploaded_sets(
 ) -> SetResults:
     """Measure a visitor's archives within limits; they stay unpacked in the output folder.
 
-    Raises:
-        Cancelled: if the caller has cancelled.
-        RunError: also if the archives exceed the limits.
+    Raises Cancelled, and RunError also if the archives exceed the limits.
     """
     limits = UnpackBudget(max_files=MAX_FILES, max_total_bytes=MAX_BYTES, min_free_bytes=10**9)
     folders = unpack_archives(input_sets(request), request.output.out / UNPACKED, limits)
@@ -458,8 +456,7 @@ class _ClipJob:
     ) -> dict[tuple[str, str], dict[str, Sums]]:
         """Return the sums of published protocols by system and variation.
 
-        Args:
-            motions: samples by system, the reference first; ``clips`` are theirs, unvaried.
+        ``motions`` are samples by system, the reference first; ``clips`` are theirs, unvaried.
         """
         with_metrics_measured_elsewhere = bool(self.request.metrics.expected)
         sums: dict[tuple[str, str], dict[str, Sums]] = {}

@@ -179,8 +179,7 @@ def interval_rows(
 ) -> Iterator[tuple[Any, ...]]:
     """Yield table rows (`app.run.batch.table.HEADER`) of systems and of their differences.
 
-    Args:
-        values: value of all clips, and those of the bootstrap draws, by system.
+    ``values`` has by system the value of all clips, and those of the bootstrap draws.
     """
     names = list(values)
     for place, name in enumerate(names):

@@ -47,9 +47,7 @@ def run_page_request(request: AnyRun, callbacks: RunCallbacks) -> None:
     """Run a request, also one for a run's zip, or for several clips in the folder of the form.
 
     The motions in a zip are measured again. No list of paths is read, as it might name any file.
-
-    Raises:
-        Exception: also if every clip has failed.
+    Raises also if every clip has failed.
     """
     from app.run.models import make_job_pool
     from app.run.pipeline import run
@@ -81,8 +79,7 @@ def is_saved_run_zip(motions: Sequence[Path]) -> bool:
 def reopen_requests(request: DiagnoseRequest, into: Path) -> dict[str, DiagnoseRequest]:
     """Return requests for the motions of a run's zip, by clip, or under "" for a single run.
 
-    Args:
-        into: folder to unpack into, which must not exist.
+    The zip is unpacked into ``into``, which must not exist.
     """
     runs = find_runs(open_run_folder(request.motions.motions[0], into))
     limit = request.motions.max_total_frames

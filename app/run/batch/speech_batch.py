@@ -56,12 +56,8 @@ def is_batch_input(speech: Path) -> bool:
 def clip_requests(request: GenerateRequest) -> dict[str, GenerateRequest]:
     """Return a request for each speech, by its file name.
 
-    Args:
-        request: request with a folder of audio files, or a text file with one path per line, as
-            speech.
-
-    Raises:
-        RunError: if no run can be started.
+    The speech of ``request`` is a folder of audio files, or a text file with one path per line.
+    Raises RunError if no run can be started.
     """
     request.check()
     if request.imports.reference is not None or request.speech.transcript is not None:
@@ -140,8 +136,7 @@ def run_jobs(
 ) -> tuple[int, dict[str, str]]:
     """Run jobs, and return how many had been done before, and the errors of failed ones.
 
-    Args:
-        on_done: called with the name of each finished job, and the fraction done.
+    ``on_done`` is called with the name of each finished job, and the fraction done.
     """
     num_done = num_reused = sum(job.is_done() for job in jobs)
 
@@ -157,11 +152,8 @@ def run_jobs(
 def find_speech_files(source: Path) -> dict[str, Path]:
     """Return the speech files by name, without hidden ones such as macOS's ``._a.wav``.
 
-    Args:
-        source: folder of audio files, or text file with one path per line, relative to it.
-
-    Raises:
-        RunError: if there is no file, one is missing, or two have the same name.
+    The source is a folder of audio files, or a text file with one path per line, relative to it.
+    Raises RunError if there is no file, one is missing, or two have the same name.
     """
     if source.is_dir():
         inside = sorted(path for path in source.iterdir() if path.is_file())

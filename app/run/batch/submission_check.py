@@ -44,12 +44,9 @@ def check_sets(
 ) -> dict[str, SubmissionReport]:
     """Check sets against the leaderboard's rules, write ``check.md``, and return results by set.
 
-    Args:
-        reference: recorded test clips, as a folder or an archive; or BEAT2's folder with its test
-            split.
-
-    Raises:
-        RunError: without a reference, or for anything that is not a set, or a hostile archive.
+    The reference is the recorded test clips, as a folder or an archive, or BEAT2's folder with its
+    test split. Raises RunError without it, and for anything that is not a set, or a hostile
+    archive.
     """
     if reference is None:
         raise RunError(

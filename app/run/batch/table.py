@@ -353,8 +353,7 @@ def draw_distribution_figure(
 ) -> tuple[tuple[Path, ...], list[str]]:
     """Draw ``distributions.png`` in all formats, and return the files with notes.
 
-    Args:
-        numbers: values of the records of `write_tables`.
+    ``numbers`` are values of the records of `write_tables`.
     """
     if len(numbers) < LEAST_CLIPS:
         return (), []

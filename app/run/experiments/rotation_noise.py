@@ -37,9 +37,8 @@ def compare_rotation_noise(
 ) -> None:
     """Add noise to two copies of a motion, and show both, with a video if requested.
 
-    Raises:
-        Cancelled: if the caller has cancelled.
-        RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
+    Raises Cancelled, and RunError, MotionError, BodyError, GLError, VideoError, each with one
+    sentence.
     """
     request.check()
     motion = request.motion

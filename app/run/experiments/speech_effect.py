@@ -65,12 +65,9 @@ def measure_speech_effect(
 ) -> None:
     """Generate each speech with each seed, or read a folder of motions, and compare the motions.
 
-    The motions, the metrics, the figure, and sentences as notes are written.
-
-    Raises:
-        Cancelled: if the caller has cancelled.
-        RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError: with a
-            sentence.
+    The motions, the metrics, the figure, and sentences as notes are written. Raises Cancelled, and
+    RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError, each with one
+    sentence.
     """
     request.check()
     record = RunRecord(

@@ -65,8 +65,7 @@ def make_provenance(
 ) -> dict[str, Any]:
     """Return the provenance of generated motion as JSON, as far as it is known before its end.
 
-    Args:
-        backend: OpenGL backend; None if nothing is rendered.
+    ``backend`` is the OpenGL backend; None if nothing is rendered.
     """
     by_system = {
         name: {system: getattr(own, name) for system, own in options.items()}

@@ -35,10 +35,8 @@ _NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL}
 def lock_folder(folder: Path) -> Iterator[None]:
     """Lock a folder for the block, creating it if needed.
 
-    A folder that was created here and is empty in the end is removed.
-
-    Raises:
-        RunError: if another command has locked it, or if it cannot be written to.
+    A folder that was created here and is empty in the end is removed. Raises RunError if another
+    command has locked it, or if it cannot be written to.
     """
     if folder.exists() and not folder.is_dir():
         raise RunError(f"{folder} is a file; give a folder for the results.")
@@ -144,9 +142,8 @@ class ResultFolder:
     def __init__(self, out: Path, *, is_incremental: bool = False) -> None:
         """Prepare the staging folder of a run.
 
-        Args:
-            is_incremental: publish each file as soon as it is complete and keep it if the run
-                fails; by default all files are published at the end, or none.
+        If incremental, each file is published as soon as it is complete and kept if the run fails;
+        by default all files are published at the end, or none.
         """
         self.out = out
         self.is_incremental = is_incremental
@@ -168,8 +165,7 @@ class ResultFolder:
     def new_path(self, name: str, *, grows: bool = False) -> Path:
         """Register the result ``name`` to be published, and return the path to write it at.
 
-        Args:
-            grows: whether the file is useful before it is complete.
+        ``grows`` says whether the file is useful before it is complete.
         """
         if name not in self._names:
             self._names.append(name)
@@ -226,10 +222,8 @@ def zip_files(
 ) -> Path:
     """Write files into a zip atomically.
 
-    Args:
-        relative_to: folder to which the names in the zip are relative; without it, all files are in
-            one folder with the name of the zip.
-        keeps_metadata: whether the zip keeps modification times and permissions.
+    Names in the zip are relative to ``relative_to``; without it, all files are in one folder with
+    the name of the zip. Modification times and permissions are kept on request.
     """
     partial = out.with_name(f".{out.name}.partial")
     try:

@@ -123,10 +123,8 @@ def read_timeline(folder: Path, record: RunRecord) -> dict[str, Any]:
 def check_and_complete_viewer_files(folder: Path) -> None:
     """Check the viewer's files of a run from elsewhere, and complete its gesture plans.
 
-    The viewer needs every list of a plan, and a plan's file may lack empty ones.
-
-    Raises:
-        RunError: if one is damaged.
+    The viewer needs every list of a plan, and a plan's file may lack empty ones. Raises RunError if
+    one is damaged.
     """
     record = read_run(folder)
     read_timeline(folder, record)

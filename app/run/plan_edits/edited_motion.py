@@ -83,9 +83,8 @@ class _TakeWriter(RunWriter):
 def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> EditResult:
     """Apply edits to a plan, and generate its motion again, published window by window.
 
-    Raises:
-        Cancelled: if the caller has cancelled.
-        RunError, PlanError, SpeechError, CheckpointError, WriteError: with one sentence.
+    Raises Cancelled, and RunError, PlanError, SpeechError, CheckpointError, WriteError, each with
+    one sentence.
     """
     record = read_run(request.run)
     sampling, sound = _as_the_run(request, record)

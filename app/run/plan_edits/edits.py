@@ -113,11 +113,8 @@ def parse_edits(message: object) -> tuple[Edit, ...]:
 def apply_edits(plan: GesturePlan, edits: Sequence[Edit], words: Words) -> PlanResult:
     """Apply all edits in order, and return the plan with notes on corrections.
 
-    Args:
-        words: words of the speech, to which edits refer by index.
-
-    Raises:
-        PlanError, RunError: if one edit cannot be done; then none is.
+    The words of the speech are those to which edits refer by index. Raises PlanError or RunError if
+    one edit cannot be done; then none is.
     """
     done = PlanResult(plan)
     for edit in edits:

@@ -187,10 +187,7 @@ def parse_field(kind: type, name: str, value: object) -> Any:
     """Parse the form value of a request's field; text and check boxes are converted.
 
     Text is parsed as on the command line, a check box selects one of two values, and anything else
-    is returned unchanged.
-
-    Raises:
-        RunError: if the field does not accept the value.
+    is returned unchanged. Raises RunError if the field does not accept the value.
     """
     for mark in getattr(request_field(kind, name).type, "__metadata__", ()):
         if isinstance(value, str) and isinstance(mark, PrimitiveConstructorSpec):

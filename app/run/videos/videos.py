@@ -66,13 +66,7 @@ def render_settings(
     """Return the render settings of a view, with close-ups if it is the first.
 
     Close-ups are square next to the whole body, and have three quarters of the width next to a body
-    from the knees up.
-
-    Args:
-        layout: panels of the body and its close-ups; None for the default ones.
-
-    Raises:
-        RunError: if the size cannot be rendered or encoded.
+    from the knees up. Raises RunError if the size cannot be rendered or encoded.
     """
     height = video.picture_height_px
     width = height if video.framing == "whole" else 2 * (3 * height // 8)
@@ -167,11 +161,9 @@ def render_row_videos(
     speech: Path | None,
     on_file: FileCallback,
 ) -> None:
-    """Render a video of each row of a run in each view; see `draw_videos`.
+    """Render a video of each row of a run in each view, of aligned motions; see `draw_videos`.
 
-    Args:
-        motions: aligned motions.
-        on_file: called with each video as soon as it is complete.
+    ``on_file`` is called with each video as soon as it is complete.
     """
 
     def out(name: str, view: View) -> Path:
@@ -404,9 +396,7 @@ def composing_comparison_video(
 def draw_run_videos(request: RunVideosRequest, callbacks: RunCallbacks) -> None:
     """Render the videos of a run's motions and ``comparison.mp4``, and add them to its folder.
 
-    Raises:
-        Cancelled: if the caller has cancelled.
-        MotionError, BodyError, GLError, VideoError: each with one sentence.
+    Raises Cancelled, and MotionError, BodyError, GLError, VideoError, each with one sentence.
     """
     run, video = request.run, request.video
     record = read_run(run)

@@ -51,9 +51,8 @@ _FINE_CRF = 14
 def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> ViewerVideo:
     """Render a video of the viewer.
 
-    Raises:
-        Cancelled: if the caller has cancelled.
-        RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
+    Raises Cancelled, and RunError, MotionError, BodyError, GLError, VideoError, each with one
+    sentence.
     """
     viewer = request.viewer
     callbacks.progress_callback("video")(0.0)
@@ -129,10 +128,7 @@ def _video_options(request: ViewerVideoRequest) -> VideoOptions:
 def _move_cameras(jobs: Jobs, raw: dict[str, BodyMotion], body: Body, viewer: ViewerState) -> Jobs:
     """Move the jobs to the viewer's camera, which follows the raw motions.
 
-    The camera of a pair follows the first motion, with the second aligned to it.
-
-    Args:
-        raw: raw motions by name.
+    The camera follows the first of the raw motions of a pair, with the second aligned to it.
     """
     keys = [*jobs]
     if viewer.mode != "grid" and viewer.settings.is_pair_aligned:

@@ -98,10 +98,7 @@ def order_p_value(scenes: Sequence[Mapping[str, float]]) -> float:
 
     The statistic is Friedman's: the sum over systems of their squared rank totals. Up to `_DRAWS`
     arrangements are enumerated; of more, as many are sampled. One scene alone gives 1, as all of
-    its orders are equally likely.
-
-    Args:
-        scenes: a value by system for each scene, all with the same systems.
+    its orders are equally likely. Each scene has a value by system, all with the same systems.
     """
     from scipy import stats  # takes a second to import and is seldom needed by the page
 

@@ -94,10 +94,8 @@ def make_design(plan: StudyPlan) -> Design:
 def _num_checks(plan: StudyPlan, count: int) -> int:
     """Return the number of attention checks among ``count`` trials.
 
-    More than one in ten pages would teach participants to look for them.
-
-    Raises:
-        RunError: if the plan sets more.
+    More than one in ten pages would teach participants to look for them. Raises RunError if the
+    plan sets more.
     """
     most = max(1, count // (PAGES_PER_CHECK - 1))
     num_checks = plan.attention_checks

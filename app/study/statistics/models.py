@@ -59,11 +59,9 @@ def percentile_limits(
 
     Percentiles are expanded for few participants (Hesterberg 2015, "What teachers should know about
     the bootstrap", section 5.3): plain ones are too narrow by sqrt((R - 1) / R) and by the
-    difference of the normal quantile and Student's.
-
-    Returns:
-        Infinite limits where resamples cannot differ (one participant, or all with the same
-        answers): nothing is then known of how other participants vary.
+    difference of the normal quantile and Student's. Limits are infinite where resamples cannot
+    differ (one participant, or all with the same answers): nothing is then known of how other
+    participants vary.
     """
     if num_participants < 2:
         return np.tile([-np.inf, np.inf], (samples.shape[1], 1))
@@ -112,9 +110,8 @@ def fit_strengths(
 ) -> StrengthFit:
     """Fit log-strengths to votes.
 
-    Args:
-        has_sides: true if videos were shown left and right (not in votes implied by rankings).
-        splits_ties: true to count a tie as half a win for each, as for Elo ratings.
+    Votes implied by rankings have no sides. Split, a tie counts as half a win for each, as for Elo
+    ratings.
     """
     sides = np.stack(
         [pd.Index(systems).get_indexer(votes[side].to_list()) for side in ("left", "right")]

@@ -189,14 +189,10 @@ def num_effective_votes(
     """Compute the number of independent yes/no votes with the same information.
 
     Korn and Graubard 1998. The ratio of t quantiles widens for a variance that few clusters
-    estimate.
-    The result never exceeds the number if all votes were independent: a smaller variance is nearly
-    always luck. Where all votes are the same, or one participant gave them all, their variance is
-    unknown, and each participant counts as one vote.
-
-    Args:
-        variance: variance of the share; by default that between participants.
-        degrees_of_freedom: those of ``variance``.
+    estimate. The result never exceeds the number if all votes were independent: a smaller variance
+    is nearly always luck. Where all votes are the same, or one participant gave them all, their
+    variance is unknown, and each participant counts as one vote. By default the variance of the
+    share is that between participants.
     """
     score, num_raters = votes.score, votes.rater.nunique()
     of_one, share = float(score.var(ddof=0)), float(score.mean())
@@ -241,10 +237,8 @@ def _effective_over_clips(votes: pd.DataFrame) -> float | None:
 def detectable_share(num_independent_votes: int, alpha: float = ALPHA) -> float | None:
     """Compute the smallest share that independent votes distinguish from 1/2 at `POWER`.
 
-    Exact: the rejection region of the two-sided binomial test at ``alpha``.
-
-    Returns:
-        A share of 0.5 to 1; None if even unanimous votes would not reach ``alpha``.
+    Exact: the rejection region of the two-sided binomial test at ``alpha``. It is 0.5 to 1; None if
+    even unanimous votes would not reach ``alpha``.
     """
     tail = int(stats.binom.ppf(alpha / 2, num_independent_votes, 0.5)) - 1
     while stats.binom.cdf(tail + 1, num_independent_votes, 0.5) <= alpha / 2:

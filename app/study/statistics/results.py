@@ -169,10 +169,8 @@ def _result(
 def read_jerk(folder: Path, key: StudyKey) -> JerkByVideo:
     """Read `JERK` from ``folder``/CLIP/diagnostics.json by system.
 
-    The recording's value has the name `REFERENCE_NAME`.
-
-    Raises:
-        RunError: if there is no file for any clip, or one is damaged.
+    The recording's value has the name `REFERENCE_NAME`. Raises RunError if there is no file for any
+    clip, or one is damaged.
     """
     jerk_by_video: dict[tuple[str, str], float] = {}
     for clip in key.clips:

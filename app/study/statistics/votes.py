@@ -137,10 +137,7 @@ def battles_of(participants: Sequence[Participant], key: StudyKey) -> pd.DataFra
 def read_battles(path: Path) -> tuple[StudyKey, list[Participant]]:
     """Read a table of battles as a study and its participants.
 
-    Columns after ``winner`` may be missing.
-
-    Raises:
-        RunError: if the file is not a table of battles.
+    Columns after ``winner`` may be missing. Raises RunError if the file is not a table of battles.
     """
     try:
         table = pd.read_csv(path, dtype=str, keep_default_na=False, nrows=_MAX_BATTLES)

@@ -62,9 +62,7 @@ FORMULAS: Mapping[str, Formula] = {
 def protocol_sums(clip: Clip, with_metrics_measured_elsewhere: bool = False) -> dict[str, Sums]:
     """Compute the sums of a clip for all protocols that have their inputs, by id.
 
-    Args:
-        with_metrics_measured_elsewhere: also compute metrics of this program that other code
-            measures.
+    Metrics of this program that other code measures are included only on request.
     """
     sums = {
         name: formula.sums(clip)

@@ -21,10 +21,8 @@ def read_semantics(path: Path, num_frames: int) -> Float[np.ndarray, " T"]:
     """Read the relevance of each frame from a file of BEAT's folder ``sem``.
 
     Its lines have a name, start, end, duration (s), score and keywords, separated by tabs. A frame
-    has the score of the first label that contains it, else 0.
-
-    Raises:
-        MotionError: for any other file.
+    has the score of the first label that contains it, else 0. Raises MotionError for any other
+    file.
     """
     relevance, times = np.zeros(num_frames), np.arange(num_frames) / FPS
     is_labelled = np.zeros(num_frames, bool)

@@ -143,8 +143,7 @@ class DualBranchNetwork(ConditionedNetwork):
     ) -> dict[int, Float[Tensor, "B T C"]]:
         """Predict clean motion of the ``active`` branches and update their features in the buffer.
 
-        Args:
-            buffer: latest features of the branches, used for inactive ones and updated.
+        The buffer has the latest features of the branches, used for inactive ones.
         """
         clean, entered = {}, {}
         for which in active:

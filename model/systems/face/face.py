@@ -89,9 +89,8 @@ class FaceModel:
     ) -> Float[Tensor, "B T E"]:
         """Sample windows of blendshapes.
 
-        Args:
-            seed: normalised last frames of the windows before; None at the start of a clip.
-            face_tracks: `model.plan.plan_features.FACE_TRACKS` of the same frames as the speech.
+        ``seed`` is the normalised last frames of the windows before, None at the start of a clip;
+        ``face_tracks`` are `model.plan.plan_features.FACE_TRACKS` of the same frames as the speech.
         """
         size = len(speech)
         seed_poses = torch.zeros_like(noise[:, : self.config.seed_frames]) if seed is None else seed
@@ -195,10 +194,9 @@ class FaceFirstSystem(System):
     ) -> SeedingWindow:
         """Sample the body of one window.
 
-        Args:
-            speech: features of the window and ``config.speech_context`` frames on either side, as
-                `conditioning` returns them: the encoder's first.
-            seed: normalised motion of the first frames; None at the start of a clip.
+        ``speech`` has features of the window and ``config.speech_context`` frames on either side,
+        as `conditioning` returns them: the encoder's first. ``seed`` is the normalised motion of
+        the first frames; None at the start of a clip.
         """
 
     def window(
@@ -231,9 +229,8 @@ def face_first_fields(
 ) -> dict[str, Any]:
     """Return the fields of a `FaceFirstSystem`, without the network of the body.
 
-    Raises:
-        CheckpointError: if the windows of body and face differ, or files of the face are missing or
-            damaged.
+    Raises CheckpointError if the windows of body and face differ, or files of the face are missing
+    or damaged.
     """
     face = load_face(folder)
     windows = config.window_frames, config.seed_frames

@@ -56,10 +56,7 @@ MIN_SIZE = 1e-3
 def log_speed_features(poses: Float[Tensor, "B T 165"]) -> Float[Tensor, "B T tracks"]:
     """Compute `TRACKS`, not normalised: log angular speeds (rad/s) and jaw opening (rad).
 
-    All but the jaw opening do not depend on the pose.
-
-    Args:
-        poses: local axis-angle, radians.
+    From local axis-angle (rad). All but the jaw opening do not depend on the pose.
     """
     joints = poses.unflatten(-1, (-1, 3))
     tracks = []

@@ -104,10 +104,8 @@ def fit_input_normaliser(config: AutoencoderTrainConfig, batch: Batch) -> Normal
     """Compute the statistics of the network's input.
 
     All blendshapes share one standard deviation, as the channels of a body part do: separate ones
-    would amplify units that hardly move.
-
-    Raises:
-        DataError: if the network needs faces and they never move.
+    would amplify units that hardly move. Raises DataError if the network needs faces and they never
+    move.
     """
     shape = config.autoencoder
     vectors = autoencoder_input(shape, batch.poses, batch.transl, batch.arkit_weights).flatten(0, 1)

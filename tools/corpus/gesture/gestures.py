@@ -76,9 +76,8 @@ def finger_rotations(
 ) -> dict[int, Float[np.ndarray, "T 3 3"]]:
     """Compute the local rotations of one hand's 15 joints.
 
-    Args:
-        curves: hand shapes in degrees.
-        twist: rotation of each long finger's joint about its bone, in degrees.
+    ``curves`` are hand shapes, ``twist`` the rotation of each long finger's joint about its bone,
+    both in degrees.
     """
     sign = SIDE_SIGN[side]
     rotations = {}
