@@ -26,15 +26,9 @@ from tqdm import tqdm
 
 from conventions.names import printable
 from model.data.recordings import DataError, fingerprint, parse_speaker, read_split
-from model.evaluation import frechet, tables
+from model.evaluation import classifiers, frechet, tables
 from model.evaluation.adherence import evaluate_adherence
-from model.evaluation.classifiers import (
-    NO_MATCHING_CLASSIFIER,
-    NO_SPEAKER_CLASSIFIER,
-    SPEAKERS_NOT_COMPARED,
-    SpeakerComparisonClips,
-    fit_speaker_classifier,
-)
+from model.evaluation.classifiers import SpeakerComparisonClips
 from model.evaluation.clips import (
     ROWS_FORMAT,
     ClipEvaluator,
@@ -220,7 +214,7 @@ def evaluate(
     ]
     speaker_comparison = SpeakerComparisonClips.choose(folder, names, models.systems, speakers)
     clip_speakers = [parse_speaker(name)[1] for name in names]
-    judge = fit_speaker_classifier(folder, clip_speakers)
+    judge = classifiers.fit_speaker_classifier(folder, clip_speakers)
     evaluator = ClipEvaluator(
         folder, load_models, num_seeds, sampling, speaker_comparison, judge, np.mean(speeds, axis=0)
     )
@@ -244,9 +238,9 @@ def evaluate(
         **clip_metrics_table(rows, clip_speakers),
         "left_out": [
             *frechet.left_out_sentences(models.encoders, motions.values()),
-            *([] if models.matching_classifier else [NO_MATCHING_CLASSIFIER]),
-            *([] if speaker_comparison.speakers else [SPEAKERS_NOT_COMPARED]),
-            *([] if judge else [NO_SPEAKER_CLASSIFIER]),
+            *([] if models.matching_classifier else [classifiers.NO_MATCHING_CLASSIFIER]),
+            *([] if speaker_comparison.speakers else [classifiers.SPEAKERS_NOT_COMPARED]),
+            *([] if judge else [classifiers.NO_SPEAKER_CLASSIFIER]),
         ],
     }
 

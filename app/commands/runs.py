@@ -13,13 +13,9 @@ from tyro.conf import Positional, arg
 
 from app.errors import RunError
 from app.flags import Count, Names, family_files_annotation, parsed_type, set_family_files
-from app.run.batch.leaderboard import (
-    entries_from_results,
-    leaderboard_html,
-    merge_entries,
-    read_leaderboard,
-    write_leaderboard,
-)
+from app.run import tasks
+from app.run.batch import leaderboard
+from app.run.batch.leaderboard import merge_entries, read_leaderboard
 from app.run.callbacks import RunCallbacks
 from app.run.output.console import ProgressBars, print_message, print_path
 from app.run.output.run_folder import read_run
@@ -33,15 +29,6 @@ from app.run.requests.requests import (
     RotationNoiseRequest,
     SpeechEffectRequest,
     StepSweepRequest,
-)
-from app.run.tasks import (
-    COMPARE_ROTATION_NOISE,
-    DIAGNOSE,
-    GENERATE,
-    MEASURE_SPEECH_EFFECT,
-    MEASURE_STEPS,
-    REDRAW_FIGURE,
-    ImportedFunction,
 )
 from conventions.names import pluralise
 from model.storage.files import write_atomically
@@ -98,10 +85,10 @@ def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool
     if is_batch_input(request.speech.path):
         _generate_many(request, pool.make_pool())
     else:
-        _run(GENERATE, request, request.output.out)
+        _run(tasks.GENERATE, request, request.output.out)
 
 
-def _run(task: ImportedFunction, request: Any, out: Path) -> None:
+def _run(task: tasks.ImportedFunction, request: Any, out: Path) -> None:
     """Run a task, and report its output files, verdict, findings and notes."""
     with ProgressBars() as shown:
         task(request, RunCallbacks(shown.on_event))
@@ -177,7 +164,7 @@ def diagnose(
         )
     if request.metrics.expected:
         raise RunError("Papers report values over many clips; --expect needs a folder of clips.")
-    _run(DIAGNOSE, request, request.output.out)
+    _run(tasks.DIAGNOSE, request, request.output.out)
 
 
 def _check_sets(request: DiagnoseRequest) -> None:
@@ -221,7 +208,7 @@ def step_sweep(request: Annotated[StepSweepRequest, Flat], files: Files) -> None
     with the most steps, are plotted against the time per frame on this machine.
     """
     set_family_files(vars(files))
-    _run(MEASURE_STEPS, request, request.output.out)
+    _run(tasks.MEASURE_STEPS, request, request.output.out)
 
 
 def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -> None:
@@ -235,7 +222,7 @@ def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -
     if request.compares_existing_motions:
         ignored = ("weights", "speaker", "systems", "guidance", "num_seeds")
         refuse_ignored(request, ignored, "With a folder of motions, nothing is generated")
-    _run(MEASURE_SPEECH_EFFECT, request, request.output.out)
+    _run(tasks.MEASURE_SPEECH_EFFECT, request, request.output.out)
 
 
 def rotation_noise(request: Annotated[RotationNoiseRequest, Flat]) -> None:
@@ -246,7 +233,7 @@ def rotation_noise(request: Annotated[RotationNoiseRequest, Flat]) -> None:
     the displacement of the tracked point is reported, as measured and as predicted analytically. No
     network is used.
     """
-    _run(COMPARE_ROTATION_NOISE, request, request.output.out)
+    _run(tasks.COMPARE_ROTATION_NOISE, request, request.output.out)
 
 
 def plan(request: Annotated[PlanRequest, Flat]) -> None:
@@ -313,7 +300,7 @@ def figure6(request: Annotated[FigureRequest, Flat]) -> None:
     It is drawn from the motions in the run's folder; nothing is generated or measured.
     """
     with ProgressBars() as shown:
-        files = REDRAW_FIGURE(request, RunCallbacks(shown.on_event))
+        files = tasks.REDRAW_FIGURE(request, RunCallbacks(shown.on_event))
     _finish(files, ())
 
 
@@ -340,9 +327,9 @@ def leaderboard_add(
         note: Text to show next to the numbers.
     """
     old_entries = read_leaderboard(board) if board.exists() else []
-    new = [entries_from_results(folder, note, list(systems)) for folder in results]
+    new = [leaderboard.entries_from_results(folder, note, list(systems)) for folder in results]
     entries = merge_entries([old_entries, *new])
-    write_leaderboard(entries, board)
+    leaderboard.write_leaderboard(entries, board)
     print_message(
         f"Leaderboard entries: {len(entries)}, {len(entries) - len(old_entries)} of them new."
     )
@@ -360,7 +347,7 @@ def leaderboard_merge(
     Args:
         out: Leaderboard file to write.
     """
-    write_leaderboard(merge_entries(read_leaderboard(path) for path in boards), out)
+    leaderboard.write_leaderboard(merge_entries(read_leaderboard(path) for path in boards), out)
     print_path(out)
 
 
@@ -372,7 +359,7 @@ def leaderboard_page(board: Board, out: Path) -> None:
     """
     if out.suffix.lower() != ".html":
         raise RunError(f"{out.name} must end in .html.")
-    html = leaderboard_html(merge_entries([read_leaderboard(board)]))
+    html = leaderboard.leaderboard_html(merge_entries([read_leaderboard(board)]))
     write_atomically(out, html)
     print_path(out)
 

@@ -10,17 +10,12 @@ from app.page.parts.markup import UNQUEUED_EVENT, mount_script
 from app.page.results.result_parts import ResultParts
 from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
+from app.page.tabs import systems
 from app.page.tabs.motion import build_form
 from app.page.tabs.motion_run import GenerateRunner, PageLoader
 from app.page.tabs.runner import Services
 from app.page.tabs.stage import EditRunner, ViewerVideoRunner
 from app.page.tabs.study import build_analysis, build_study_tab
-from app.page.tabs.systems import (
-    RotationNoiseRunner,
-    SpeechEffectRunner,
-    StepSweepRunner,
-    build_systems_tab,
-)
 from app.page.visitors.visitors import VISITOR_ROUTE, page_session_of
 
 _FORM_ID = "motion-form"
@@ -77,10 +72,10 @@ def build_app(services: Services) -> gr.Blocks:
             with gr.Tab(own_motion_tab.TAB, id="own_motion"):
                 own_results = own_motion_tab.build_diagnose_tab(page, services)
             with gr.Tab(text.LADDER_TAB):
-                RotationNoiseRunner(services)
-                build_systems_tab(services.catalogue.systems)
-                SpeechEffectRunner(services)
-                StepSweepRunner(services)
+                systems.RotationNoiseRunner(services)
+                systems.build_systems_tab(services.catalogue.systems)
+                systems.SpeechEffectRunner(services)
+                systems.StepSweepRunner(services)
             with gr.Tab(text.STUDY_TAB):
                 build_study_tab(services)
                 build_analysis(services)

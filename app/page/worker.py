@@ -18,14 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from app.errors import (
-    Cancelled,
-    DiskFullError,
-    RunError,
-    WorkerError,
-    is_disk_full,
-    message_for_user,
-)
+from app import errors
+from app.errors import Cancelled, DiskFullError, RunError, WorkerError
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from processes.child import Child, ChildExited, parent_channel, start_receiving
 
@@ -223,10 +217,10 @@ def _error_to_send(error: Exception) -> Exception:
         return error.with_traceback(None)  # which would keep the task's objects alive
     if any(words in str(error) for words in _NO_MEMORY):
         error = MemoryError()
-    sentence = message_for_user(error)
+    sentence = errors.message_for_user(error)
     if sentence is None:
         return WorkerError(traceback.format_exc())
-    return (DiskFullError if is_disk_full(error) else RunError)(sentence)
+    return (DiskFullError if errors.is_disk_full(error) else RunError)(sentence)
 
 
 def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:

@@ -46,13 +46,7 @@ from app.run.requests.requests import (
 from app.run.run_writer import RunMotions, RunWriter, open_run_writer
 from app.run.tasks import RunResult
 from app.run.timeline import TranscriptLoader, read_transcript_of_run, with_joint_snaps
-from app.run.videos.videos import (
-    Snapshots,
-    choose_compared_motions,
-    composing_comparison_video,
-    draw_snapshots,
-    render_row_videos,
-)
+from app.run.videos import videos
 from conventions.names import REFERENCE_NAME, pluralise, printable
 from model.diagnostics import Diagnostics
 from model.metrics.protocols.table import PROTOCOL_CAPTION
@@ -229,7 +223,7 @@ def _render_videos(request: RunRequest, motions: RunMotions, run: RunWriter) -> 
         return
     on_share = run.progress_callback("video")
     on_share(0.0)
-    render_row_videos(
+    videos.render_row_videos(
         {name: motions.align(motion) for name, motion in motions.viewer_motions.items()},
         request.video,
         motions.body,
@@ -248,7 +242,9 @@ def _comparison(
     if not request.output.has_video:
         return nullcontext()
     names = list(motions.figure_motions)
-    return composing_comparison_video(names, motions.audio_path, run.folder, run, run.add_files)
+    return videos.composing_comparison_video(
+        names, motions.audio_path, run.folder, run, run.add_files
+    )
 
 
 def _small(video: VideoOptions) -> VideoOptions:
@@ -288,15 +284,15 @@ def _draw_figures(
 
 def _draw_poses(
     request: RunRequest, motions: RunMotions, video: VideoOptions, run: RunCallbacks
-) -> Snapshots:
+) -> videos.Snapshots:
     """Render the poses of Figure 6; without poses, only the frames are chosen."""
     figures = request.figures
     frames = snapshot_frames(motions.figure_motions, figures)
     if not request.output.has_figure_poses or "b" not in figures.figure_panels:
-        return Snapshots(frames)
+        return videos.Snapshots(frames)
     placed = {name: motions.align(motion) for name, motion in motions.figure_motions.items()}
     on_share = run.progress_callback("figure", _POSES)
-    return draw_snapshots(placed, video, motions.body, on_share, frames)
+    return videos.draw_snapshots(placed, video, motions.body, on_share, frames)
 
 
 def snapshot_frames(motions: Mapping[str, Motion], figures: FigureOptions) -> tuple[int, ...]:
@@ -315,18 +311,18 @@ def redraw_figure6(
     """
     record, figures = read_run(request.run), request.figures
     files = row_files(request.run, "motion")
-    names = choose_compared_motions(
+    names = videos.choose_compared_motions(
         [row.name for row in record.rows if row.name in files and not row.edit]
     )
     motions = {name: load_motion(files[name]) for name in names[0]}
     if not motions:
         raise RunError(f"The run in {printable(request.run.name)} has no motion to draw.")
     check_figure6(figures, min(each.num_frames for each in motions.values()), len(motions))
-    snapshots = Snapshots(snapshot_frames(motions, figures))
+    snapshots = videos.Snapshots(snapshot_frames(motions, figures))
     if "b" in figures.figure_panels and not rendering_unavailable_reason():
         placed, video = align_and_cut_motions(motions)[0], _small(VideoOptions(body=request.body))
         on_share = callbacks.progress_callback("figure", _POSES)
-        snapshots = draw_snapshots(
+        snapshots = videos.draw_snapshots(
             placed, video, get_body(request.body), on_share, snapshots.frames
         )
     is_generated, is_raw = record.kind == "generated", record.settings.get("filter") == NONE

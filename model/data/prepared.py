@@ -18,15 +18,8 @@ from jaxtyping import Float, Int, Shaped
 from torch import Tensor
 from tqdm import tqdm
 
-from model.data.recordings import (
-    DataError,
-    augmented_copy,
-    cut_and_encode_speech,
-    fingerprint,
-    parse_speaker,
-    read_motion_and_speech,
-    read_split,
-)
+from model.data import recordings
+from model.data.recordings import DataError
 from model.motion.motion import NUM_FACE_UNITS, Motion, arkit_weights_or_zeros
 from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder
@@ -178,8 +171,8 @@ def prepare(
     Raises:
         DataError: if nothing usable is left, or the cache was made in another way.
     """
-    split = read_split(folder)
-    content = fingerprint(folder, split)
+    split = recordings.read_split(folder)
+    content = recordings.fingerprint(folder, split)
     copies = f"-{augmented_copies}-copies" if augmented_copies > 0 else ""
     cache = cache_prefix.with_name(f"{cache_prefix.name}{copies}-{content[:12]}")
     origin = {
@@ -197,7 +190,7 @@ def prepare(
         cache.mkdir(parents=True, exist_ok=True)
         read: list[PreparedClip] = []
         _write(cache, columns, _by_clip(folder, encoder, split, augmented_copies, read))
-        named = dict(sorted(parse_speaker(clip.name) for clip in read))
+        named = dict(sorted(recordings.parse_speaker(clip.name) for clip in read))
         manifest = {"origin": origin, "clips": [*map(vars, read)], "speakers": named}
         write_atomically(index_path, json.dumps(manifest))
     index = json.loads(index_path.read_text())
@@ -262,17 +255,19 @@ def _by_clip(
     skipped = 0
     for name, kind in tqdm(sorted(split.items()), desc="reading clips", unit="clip"):
         try:
-            number, _ = parse_speaker(name)
-            recording = read_motion_and_speech(folder, name)
+            number, _ = recordings.parse_speaker(name)
+            recording = recordings.read_motion_and_speech(folder, name)
             _check_lengths(*recording)
-            encoded = cut_and_encode_speech(*recording, encoder)
+            encoded = recordings.cut_and_encode_speech(*recording, encoder)
         except (MotionError, SpeechError, DataError) as error:
             log.warning("Skipped %s: %s", name, error)
             skipped += 1
             continue
         for copy in range(1 + (augmented_copies if kind == "train" else 0)):
             if copy > 0:
-                encoded = cut_and_encode_speech(*augmented_copy(*recording, name, copy), encoder)
+                encoded = recordings.cut_and_encode_speech(
+                    *recordings.augmented_copy(*recording, name, copy), encoder
+                )
             motion, features = encoded
             start = read[-1].stop if read else 0
             read.append(PreparedClip(name, number, kind, start, motion.num_frames, copy))

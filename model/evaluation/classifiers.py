@@ -32,15 +32,9 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import DataError, parse_speaker, read_motion_and_speech, read_split
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
+from model.metrics import speech_effect
 from model.metrics.face import wrist_speed_sum
-from model.metrics.speech_effect import (
-    LEAST_FRAMES,
-    SILENCE_S,
-    Grid,
-    arm_rotation_correlation_same_noise,
-    silence_speed_ratio,
-    speech_and_noise_shares,
-)
+from model.metrics.speech_effect import LEAST_FRAMES, SILENCE_S, Grid
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
@@ -228,8 +222,8 @@ def arm_speaker_effect(motions: Grid) -> dict[str, float]:
     ``arm_rotations_same_noise`` near 1: another speaker has the same gestures.
     """
     return {
-        "by_speaker": speech_and_noise_shares(motions)["arms"].by_speech,
-        "arm_rotations_same_noise": arm_rotation_correlation_same_noise(motions),
+        "by_speaker": speech_effect.speech_and_noise_shares(motions)["arms"].by_speech,
+        "arm_rotations_same_noise": speech_effect.arm_rotation_correlation_same_noise(motions),
     }
 
 
@@ -297,7 +291,7 @@ class SpeakerComparisonClips:
         }
         motions = [motion for own in moved.values() for motion in own]
         voiced = np.arange(audio.num_motion_frames) < spoken
-        silences = [silence_speed_ratio(motion, voiced) for motion in motions]
+        silences = [speech_effect.silence_speed_ratio(motion, voiced) for motion in motions]
         averages = average_metrics(silences)
         if self.speakers is None or spoken < LEAST_FRAMES:
             return averages

@@ -13,26 +13,12 @@ from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import parse_speaker, read_motion_and_speech
 from model.diagnostics import GLOBALDIFF_WINDOWS, analyse_raw
-from model.evaluation import frechet
-from model.evaluation.classifiers import (
-    SpeakerClassifier,
-    SpeakerComparisonClips,
-    average_metrics,
-    frame_loudness,
-    matched_speech_metrics,
-    voiced_frames,
-)
+from model.evaluation import classifiers, frechet
 from model.evaluation.frechet import window_diversity
 from model.evaluation.tables import Estimate, bootstrap_mean, bootstrap_ratio, bootstrap_statistic
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
 from model.metrics import beats, face, reference_error, speech_effect
-from model.metrics.face import (
-    face_hand_correlation_above_chance,
-    face_measures,
-    max_correlation_over_lags,
-    wrist_speed_sum,
-)
 from model.metrics.reference_error import l1_distance_to_mean
 from model.metrics.speech_effect import SILENCE_S, silence_speed_ratio
 from model.motion.kinematics import open_body_skeleton
@@ -171,7 +157,7 @@ class ClipContext:
     @cached_property
     def loudness(self) -> np.ndarray:
         """Loudness of the clip's speech (dB for each frame)."""
-        return frame_loudness(self.waveform, self.recorded.num_frames)
+        return classifiers.frame_loudness(self.waveform, self.recorded.num_frames)
 
     def wrist_loudness_correlations(
         self, positions: Sequence[Float[np.ndarray, "T J 3"]]
@@ -183,13 +169,13 @@ class ClipContext:
         """
         others = {
             "shifted": np.roll(self.loudness, round(face.SHIFT_S * FPS)),
-            "foreign": frame_loudness(self.foreign_waveform, self.recorded.num_frames),
+            "foreign": classifiers.frame_loudness(self.foreign_waveform, self.recorded.num_frames),
         }
         own, *wrong = (
             float(
                 np.mean(
                     [
-                        max_correlation_over_lags(wrist_speed_sum(joints), track)
+                        face.max_correlation_over_lags(face.wrist_speed_sum(joints), track)
                         for joints in positions
                     ]
                 )
@@ -212,10 +198,12 @@ class ClipContext:
         numbers = [
             clip_measures(motion, self.recorded, joints)
             | beats.beat_scores(joints, self.onsets_s, self.joint_mean_speeds)
-            | face_measures(motion, self.loudness)
-            | face_hand_correlation_above_chance(motion, joints)
+            | face.face_measures(motion, self.loudness)
+            | face.face_hand_correlation_above_chance(motion, joints)
             | (
-                matched_speech_metrics(self.models.matching_classifier, motion, *self.mel_features)
+                classifiers.matched_speech_metrics(
+                    self.models.matching_classifier, motion, *self.mel_features
+                )
                 if self.models.matching_classifier
                 else {}
             )
@@ -231,7 +219,7 @@ class ClipContext:
             if len(available_codes) == len(motions):
                 arrays[name] = np.concatenate(available_codes)
         measures = (
-            average_metrics(numbers)
+            classifiers.average_metrics(numbers)
             | speech_effect_metrics(motions, foreign_speech_motions)
             | dict(other_metrics)
         )
@@ -286,8 +274,8 @@ class ClipEvaluator:
     load_models: Callable[[], EvaluationModels]
     num_seeds: int
     sampling: Sampling
-    speaker_comparison: SpeakerComparisonClips
-    speaker_classifier: SpeakerClassifier | None
+    speaker_comparison: classifiers.SpeakerComparisonClips
+    speaker_classifier: classifiers.SpeakerClassifier | None
     joint_mean_speeds: np.ndarray
     """Mean speeds (m/s) of the joints with beats, over all clips."""
 
@@ -301,7 +289,7 @@ class ClipEvaluator:
             motion, speech.waveform, foreign.waveform, self.joint_mean_speeds, models
         )
         # Silences of the clip's own speech; empty if none is long enough.
-        in_silence = silence_speed_ratio(motion, voiced_frames(context.mel_features[0]))
+        in_silence = silence_speed_ratio(motion, classifiers.voiced_frames(context.mel_features[0]))
         of_recordings = (
             in_silence
             | self.speaker_comparison.recorded_wrist_speeds(self.folder, name)

@@ -8,15 +8,8 @@ import numpy as np
 from conventions.joints import JOINT_INDEX
 from conventions.names import join_names
 from conventions.rates import FPS
-from model.faults.analysis import (
-    BODY,
-    UPPER_AND_HANDS,
-    AnalysedMotion,
-    Finding,
-    format_time,
-    longest_true_ranges,
-    middle_of_worst_second,
-)
+from model.faults import analysis
+from model.faults.analysis import BODY, UPPER_AND_HANDS, AnalysedMotion, Finding
 from model.metrics.face import blendshape_columns
 from model.metrics.joints import FINGER_JOINT_NAMES
 from model.metrics.posture import FEET, FLOATING_M, GROUND_PERCENTILE, SINKING_M, WRISTS
@@ -81,7 +74,7 @@ def feet_slide(analysed: AnalysedMotion) -> Iterator[Finding]:
         {"foot_slide_m_s": slide, "contact_share": contact},
         f"recorded clips: under {100 * FOOT_SLIDE_M_S:.0f} cm/s",
         limit_ratio=slide / FOOT_SLIDE_M_S,
-        worst_frame=middle_of_worst_second(derivative_magnitudes(feet, 1).mean(axis=1)),
+        worst_frame=analysis.middle_of_worst_second(derivative_magnitudes(feet, 1).mean(axis=1)),
     )
 
 
@@ -97,13 +90,13 @@ def feet_float(analysed: AnalysedMotion) -> Iterator[Finding]:
             analysed.lower_foot_height_m, GROUND_PERCENTILE
         )
         is_up, contact = is_up | (above > RISE_M), analysed.metrics.posture.foot_contact_share
-    runs = [r for r in longest_true_ranges(is_up) if r[1] - r[0] + 1 >= FLOATING_FRAMES]
+    runs = [r for r in analysis.longest_true_ranges(is_up) if r[1] - r[0] + 1 >= FLOATING_FRAMES]
     if not runs and contact >= CONTACT_SHARE:
         return
     worst = int(above.argmax())
     message = (
         f"Both feet are above the floor by up to {100 * above[worst]:.0f} cm, worst at "
-        f"{format_time(worst)}{f', {len(runs)} times in all' if len(runs) > 1 else ''}"
+        f"{analysis.format_time(worst)}{f', {len(runs)} times in all' if len(runs) > 1 else ''}"
         if runs
         else "The feet have no consistent floor height"
     )
@@ -140,13 +133,13 @@ def feet_sink(analysed: AnalysedMotion) -> Iterator[Finding]:
     share = float(np.mean(is_below))
     yield Finding(
         f"A foot is up to {100 * below[worst]:.0f} cm below the floor, worst at "
-        f"{format_time(worst)}, "
+        f"{analysis.format_time(worst)}, "
         f"and deeper than {100 * SINKING_M:.0f} cm in {100 * share:.1f} % of the frames (floor: "
         "median height of the lower foot).",
         {"depth_m": float(below[worst]), "share": share},
         limit_ratio=float(below[worst]) / SINKING_M,
         worst_frame=worst,
-        frame_ranges=longest_true_ranges(is_below),
+        frame_ranges=analysis.longest_true_ranges(is_below),
     )
 
 
@@ -209,11 +202,12 @@ def hand_penetration(analysed: AnalysedMotion) -> Iterator[Finding]:
     side = "left" if is_left else "right"
     yield Finding(
         f"The {side} hand penetrates the body in {is_inside.sum()} frames, deepest at "
-        f"{format_time(worst)}: {100 * distance[worst]:.0f} cm from the axis of the spine.",
+        f"{analysis.format_time(worst)}: {100 * distance[worst]:.0f} cm from the axis of the "
+        "spine.",
         {"side": side, "distance_m": float(distance[worst]), "frames": int(is_inside.sum())},
         limit_ratio=INSIDE_M / max(float(distance[worst]), 0.005),
         worst_frame=worst,
-        frame_ranges=longest_true_ranges(is_inside),
+        frame_ranges=analysis.longest_true_ranges(is_inside),
     )
 
 
@@ -276,7 +270,7 @@ def frozen_upper_body(analysed: AnalysedMotion) -> Iterator[Finding]:
     fastest = analysed.angular_speed_deg_s[:, list(UPPER_AND_HANDS)].max(axis=1, initial=0.0)
     runs = [
         (first, last + 1)  # speed k is that from frame k to frame k + 1
-        for first, last in longest_true_ranges(fastest < FROZEN_DEG_S)
+        for first, last in analysis.longest_true_ranges(fastest < FROZEN_DEG_S)
         if last - first + 1 >= FROZEN_FRAMES
     ]
     if not runs:
@@ -286,7 +280,7 @@ def frozen_upper_body(analysed: AnalysedMotion) -> Iterator[Finding]:
     total_s = sum(end - start for start, end in runs) / FPS
     yield Finding(
         f"Upper body and fingers freeze {times} for {(last - first) / FPS:.1f} s at"
-        f" {format_time(first)}.",
+        f" {analysis.format_time(first)}.",
         {"times": len(runs), "longest_s": (last - first) / FPS, "total_s": total_s},
         "recorded clips: never for two frames in a row",
         limit_ratio=(last - first) / FROZEN_FRAMES,

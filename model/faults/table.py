@@ -4,15 +4,8 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 
 from conventions.joints import FACE, HANDS, JOINT_INDEX, BodyPart
-from model.faults import glitches, posture, range_checks
-from model.faults.analysis import (
-    IMPOSSIBLE,
-    MEASURABLE,
-    VISIBLE,
-    AnalysedMotion,
-    Finding,
-    most_serious_first,
-)
+from model.faults import analysis, glitches, posture, range_checks
+from model.faults.analysis import IMPOSSIBLE, MEASURABLE, VISIBLE, AnalysedMotion, Finding
 
 
 @dataclass(frozen=True)
@@ -110,7 +103,9 @@ def find_faults(analysed: AnalysedMotion) -> list[Finding]:
     findings = [finding for fault in FAULTS for finding in _search_fault(fault, analysed)]
     kinds = {finding.kind for finding in findings}
     explained = {kind for fault in FAULTS if fault.kind in kinds for kind in fault.implies_kinds}
-    return most_serious_first(finding for finding in findings if finding.kind not in explained)
+    return analysis.most_serious_first(
+        finding for finding in findings if finding.kind not in explained
+    )
 
 
 def body_part(finding: Finding) -> BodyPart:

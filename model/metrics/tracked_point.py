@@ -18,14 +18,8 @@ from jaxtyping import Float
 
 from conventions.joints import JOINT_NAMES, PARENTS
 from conventions.rates import FPS
-from model.metrics.smoothness import (
-    HIGH_FREQUENCY_HZ,
-    STILL_M_S3,
-    VelocitySpectrum,
-    derivative_magnitudes,
-    mean_over_time,
-    velocity_spectrum,
-)
+from model.metrics import smoothness
+from model.metrics.smoothness import HIGH_FREQUENCY_HZ, STILL_M_S3, VelocitySpectrum
 from model.motion.tracks import Tracks
 from model.motion.transforms import smooth_over_time, smooth_rotations
 
@@ -84,7 +78,7 @@ def _turned_about(
 
 
 def _mean_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
-    return float(mean_over_time(derivative_magnitudes(positions, 3)))
+    return float(smoothness.mean_over_time(smoothness.derivative_magnitudes(positions, 3)))
 
 
 STILL_M_S = 1e-4
@@ -120,11 +114,11 @@ def tracked_point_metrics(
     """Compute the metrics of a point that moves with the last joint of ``chain``."""
 
     def mean(order: int) -> float:
-        return float(mean_over_time(derivative_magnitudes(point, order)))
+        return float(smoothness.mean_over_time(smoothness.derivative_magnitudes(point, order)))
 
     arc_length, log_jerk = mean_sparc_and_log_jerk(point)
     above_5hz, shares = math.nan, None
-    spectrum = velocity_spectrum(np.diff(point, axis=0) * FPS)
+    spectrum = smoothness.velocity_spectrum(np.diff(point, axis=0) * FPS)
     if spectrum is not None and spectrum.velocity_power.any():
         shares = spectrum.normalised()
         above_5hz = float(shares.power_above(HIGH_FREQUENCY_HZ))
@@ -163,8 +157,8 @@ def log_dimensionless_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
 
     NaN under 4 frames and where nothing moves.
     """
-    jerk = derivative_magnitudes(positions, 3)
-    peak = derivative_magnitudes(positions, 1).max(initial=0.0)
+    jerk = smoothness.derivative_magnitudes(positions, 3)
+    peak = smoothness.derivative_magnitudes(positions, 1).max(initial=0.0)
     if not len(jerk) or peak < STILL_M_S or not jerk.any():
         return float("nan")
     duration_s = (len(positions) - 1) / FPS
@@ -180,7 +174,9 @@ def mean_sparc_and_log_jerk(positions: Float[np.ndarray, "T 3"]) -> tuple[float,
     values = []
     for start in range(0, len(positions) - MOVEMENT_FRAMES, MOVEMENT_FRAMES):
         stretch = positions[start : start + MOVEMENT_FRAMES + 1]
-        values.append((sparc(derivative_magnitudes(stretch, 1)), log_dimensionless_jerk(stretch)))
+        values.append(
+            (sparc(smoothness.derivative_magnitudes(stretch, 1)), log_dimensionless_jerk(stretch))
+        )
     moving = np.array([pair for pair in values if np.isfinite(pair).all()])
     if not len(moving):
         return float("nan"), float("nan")

@@ -15,19 +15,14 @@ from torch import Tensor
 
 from conventions.joints import FACE, HANDS, LOWER_BODY, NUM_JOINTS, UPPER_BODY
 from conventions.rates import FPS
+from model.motion import spaces
 from model.motion.kinematics import RestSkeleton, global_from_local, joint_positions_from_global
 from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d, rot6d_from_matrix
-from model.motion.spaces import (
-    AXIS_ANGLE_MOTION_DIM,
-    ROOT_DIM,
-    RootFormat,
-    RotationSpace,
-    VectorScaling,
-)
+from model.motion.spaces import RootFormat, RotationSpace, VectorScaling
 
 ROTATION_DIM = NUM_JOINTS * 6
-MOTION_DIM = ROTATION_DIM + ROOT_DIM
-AXIS_ANGLE_DIM = AXIS_ANGLE_MOTION_DIM - ROOT_DIM
+MOTION_DIM = ROTATION_DIM + spaces.ROOT_DIM
+AXIS_ANGLE_DIM = spaces.AXIS_ANGLE_MOTION_DIM - spaces.ROOT_DIM
 
 
 def joint_channels(joints: Iterable[int], width: int = 6) -> list[int]:
@@ -224,8 +219,8 @@ def decode(
     return DecodedMotion(
         R_world_joint=R_world_joint,
         untranslated_positions=joint_positions_from_global(R_world_joint, skeleton),
-        translation=root_positions(vectors[..., -ROOT_DIM:], root_format),
+        translation=root_positions(vectors[..., -spaces.ROOT_DIM :], root_format),
         global_vectors=torch.cat(
-            [rot6d_from_matrix(R_world_joint).flatten(-2), vectors[..., -ROOT_DIM:]], dim=-1
+            [rot6d_from_matrix(R_world_joint).flatten(-2), vectors[..., -spaces.ROOT_DIM :]], dim=-1
         ),
     )

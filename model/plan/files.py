@@ -7,14 +7,8 @@ import os
 from pathlib import Path
 
 from conventions.rates import FPS
-from model.plan.annotation_files import (
-    NamedTier,
-    decode_text,
-    format_elan,
-    format_textgrid,
-    parse_elan,
-    parse_textgrid,
-)
+from model.plan import annotation_files
+from model.plan.annotation_files import NamedTier
 from model.plan.plan import FORMAT, SIDES, GesturePlan, PlanError, PlanResult
 from model.plan.tiers import GOAL_TIER, PHASE_TIER, plan_to_tiers, tiers_to_plan
 from model.storage.escaping import csv_text
@@ -35,7 +29,9 @@ def parse_plan(data: bytes, file: str) -> PlanResult:
     ending = Path(file).suffix.lower()
     if ending not in (".textgrid", ".eaf"):
         return PlanResult(_of_json(data, file))
-    tiers, duration_s, notes = (parse_elan if ending == ".eaf" else _grid_tiers)(data, file)
+    tiers, duration_s, notes = (annotation_files.parse_elan if ending == ".eaf" else _grid_tiers)(
+        data, file
+    )
     try:
         read = tiers_to_plan(tiers, duration_s)
         return PlanResult(read.plan, (*notes, *read.notes))
@@ -70,8 +66,8 @@ def read_corpus_plan(path: Path) -> GesturePlan:
 
 def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float, tuple[str, ...]]:
     """Parse the tiers of a TextGrid without empty intervals, its duration, and notes."""
-    text, notes = decode_text(data, file, PlanError)
-    tiers, duration_s = parse_textgrid(text, file, PlanError)
+    text, notes = annotation_files.decode_text(data, file, PlanError)
+    tiers, duration_s = annotation_files.parse_textgrid(text, file, PlanError)
     if not tiers:
         raise PlanError(f"{file} has no tiers.")
     if not 0 < duration_s < 1e6:
@@ -116,11 +112,11 @@ def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -
         text = plan.as_json()
     elif ending == ".eaf":
         sound = "" if speech is None else os.path.relpath(speech, path.parent)
-        text = format_elan(plan_to_tiers(plan), plan.duration_s, sound)
+        text = annotation_files.format_elan(plan_to_tiers(plan), plan.duration_s, sound)
     else:
         tiers = plan_to_tiers(plan, for_praat=True)
         end_s = max(plan.duration_s, *(row.end_s for tier in tiers for row in tier.rows), 0.0)
-        text = format_textgrid(tiers, plan.duration_s, end_s)
+        text = annotation_files.format_textgrid(tiers, plan.duration_s, end_s)
     write_atomically(path, text)
 
 

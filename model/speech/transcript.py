@@ -12,13 +12,8 @@ from math import inf, isnan
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from model.plan.annotation_files import (
-    Interval,
-    NamedTier,
-    decode_text,
-    is_textgrid,
-    parse_textgrid,
-)
+from model.plan import annotation_files
+from model.plan.annotation_files import Interval, NamedTier
 from model.speech.word_files import parse_captions, parse_ctm, parse_recogniser_json, parse_table
 from model.storage.files import read_within_limit
 
@@ -157,7 +152,7 @@ def read_words_file(path: str | Path) -> WordsFile:
     path = Path(path)
     name, ending = path.name, path.suffix.lower()
     text, notes = _text_in(path)
-    if is_textgrid(text):
+    if annotation_files.is_textgrid(text):
         words_file = _of_grid(text, name)
         return replace(words_file, notes=(*notes, *words_file.notes))
     rows: list[Interval] | None = None
@@ -186,7 +181,7 @@ def read_words_file(path: str | Path) -> WordsFile:
 
 
 def _text_in(path: Path) -> tuple[str, tuple[str, ...]]:
-    return decode_text(
+    return annotation_files.decode_text(
         read_within_limit(path, MAX_BYTES, TranscriptError), path.name, TranscriptError
     )
 
@@ -218,7 +213,7 @@ def _of_rows(rows: Sequence[Interval], name: str, are_words: bool = False) -> Wo
 
 
 def _of_grid(text: str, name: str) -> WordsFile:
-    parsed, end_s = parse_textgrid(text, name, TranscriptError)
+    parsed, end_s = annotation_files.parse_textgrid(text, name, TranscriptError)
     tiers = [tier for tier in parsed if not tier.has_points]
     of_words = _word_tier(tiers, name)
     is_named = _kind_of(of_words.name) == "words"  # then its rows are words, whatever they hold

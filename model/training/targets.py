@@ -14,24 +14,11 @@ from torch import Tensor, nn
 
 from conventions.joints import NUM_JOINTS
 from model.data.prepared import Batch, PreparedData, derived_arrays
+from model.motion import packing, spaces
 from model.motion.kinematics import RestSkeleton
-from model.motion.packing import (
-    AXIS_ANGLE_GROUPS,
-    MOTION_DIM,
-    DecodedMotion,
-    Normaliser,
-    decode,
-    poses_to_vectors,
-    root_positions,
-)
+from model.motion.packing import AXIS_ANGLE_GROUPS, MOTION_DIM, DecodedMotion, Normaliser
 from model.motion.packing import rotations as rotations_of
-from model.motion.spaces import (
-    AXIS_ANGLE_MOTION_DIM,
-    ROOT_DIM,
-    RootFormat,
-    RotationSpace,
-    VectorScaling,
-)
+from model.motion.spaces import RootFormat, RotationSpace, VectorScaling
 from model.networks.config import BranchConfig
 from model.networks.trained import TrainedWeights
 from model.sampling.prior import GaussianPrior, fit_components, fit_prior
@@ -65,13 +52,13 @@ class Targets:
         """Return vectors and decoded motion of a batch's windows; rotations only on request."""
         vectors = self.windows(batch)
         if with_rotations and self.space != "global":
-            return vectors, decode(vectors, self.space, self.skeleton, self.root_format)
+            return vectors, packing.decode(vectors, self.space, self.skeleton, self.root_format)
         decoded = DecodedMotion(
             R_world_joint=rotations_of(vectors, self.space) if with_rotations else None,
             untranslated_positions=torch.from_numpy(
                 self.pelvis_aligned_positions[batch.frame_rows]
             ).unflatten(-1, (NUM_JOINTS, 3)),
-            translation=root_positions(vectors[..., -ROOT_DIM:], self.root_format),
+            translation=packing.root_positions(vectors[..., -spaces.ROOT_DIM :], self.root_format),
             global_vectors=vectors if with_rotations else None,
         )
         return vectors, decoded
@@ -86,7 +73,7 @@ def prepare_targets(
 ) -> Targets:
     """Compute the arrays next to those of ``data`` unless they exist, then map them to memory."""
     stem = f"{space}-{root}"
-    width = AXIS_ANGLE_MOTION_DIM if space == "axis-angle" else MOTION_DIM
+    width = spaces.AXIS_ANGLE_MOTION_DIM if space == "axis-angle" else MOTION_DIM
     vectors, rooted = derived_arrays(
         data,
         f"targets-{stem}",
@@ -104,13 +91,15 @@ def _by_clip(
     for clip in data.clips:
         rows = slice(clip.start, clip.stop)
         transl = data.transl[rows] - (data.mean_floor_position(clip) if root == "place" else 0.0)
-        vectors = poses_to_vectors(
+        vectors = packing.poses_to_vectors(
             space,
             torch.from_numpy(np.array(data.poses[rows]))[None],
             torch.from_numpy(np.asarray(transl, np.float32))[None],
             root,
         )[0]
-        blocks = (decode(b[None], space, skeleton, root) for b in vectors.split(BLOCK_FRAMES))
+        blocks = (
+            packing.decode(b[None], space, skeleton, root) for b in vectors.split(BLOCK_FRAMES)
+        )
         rooted = [block.untranslated_positions[0].flatten(-2).numpy() for block in blocks]
         yield vectors.numpy(), np.concatenate(rooted)
 

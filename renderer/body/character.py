@@ -16,26 +16,12 @@ import scipy.sparse as sp
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
-from conventions.humanoid import (
-    BONE_END_JOINTS,
-    JointMap,
-    JointTree,
-    NoHumanoidError,
-    letters_and_digits,
-    nearest_axis,
-    side_of,
-)
+from conventions import humanoid
+from conventions.humanoid import BONE_END_JOINTS, JointMap, JointTree, NoHumanoidError
 from conventions.joints import FINGERTIP_VERTICES, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from conventions.names import join_names, pluralise
-from renderer.body.body_file import (
-    MAX_FACES,
-    MAX_VERTICES,
-    NUM_POSE_FEATURES,
-    OPEN_BODY_PATH,
-    BodyArrays,
-    BodyError,
-    Rig,
-)
+from renderer.body import body_file
+from renderer.body.body_file import BodyArrays, BodyError, Rig
 from renderer.body.face_shapes import FaceBlendshapes
 from renderer.body.gltf import Gltf, read_glb_bytes
 from renderer.body.texture import TextureAtlasBuilder
@@ -102,7 +88,7 @@ class _Character:
 
     def __init__(self, gltf: Gltf) -> None:
         self._gltf = gltf
-        with np.load(OPEN_BODY_PATH, allow_pickle=False) as archive:
+        with np.load(body_file.OPEN_BODY_PATH, allow_pickle=False) as archive:
             self._rest = archive["rest_joints"].astype(np.float64)
             template = archive["template"].astype(np.float64)
             self._names = tuple(map(str, archive["expression_names"]))
@@ -191,12 +177,12 @@ class _Character:
             up = node
             while up >= 0 and up != head:
                 up = self._gltf.parents[up]
-            plain = letters_and_digits(names[node])
+            plain = humanoid.letters_and_digits(names[node])
             if up < 0 or node in taken or "mesh" in self._gltf.nodes[node]:
                 continue
             if "jaw" in plain:
                 matches.setdefault("jaw", node)
-            side = side_of(names[node])
+            side = humanoid.side_of(names[node])
             if side and _EYE.search(plain):
                 matches.setdefault(f"{side}_eye", node)
         return matches
@@ -213,7 +199,7 @@ class _Character:
                 f"{self._gltf.name} does not stand in its rest pose; export it in a T-pose or "
                 "A-pose."
             )
-        y = nearest_axis(up)
+        y = humanoid.nearest_axis(up)
         x = across - y * (across @ y)
         x /= np.linalg.norm(x)
         legs = ("hip", "knee", "ankle")
@@ -300,9 +286,9 @@ class _Character:
                 targets = shapes.driven_targets(mesh, number)
                 num_values += 3 * count * len(targets)
                 num_vertices += count
-                if num_vertices > MAX_VERTICES or num_values > MAX_TARGET_VALUES:
+                if num_vertices > body_file.MAX_VERTICES or num_values > MAX_TARGET_VALUES:
                     raise BodyError(
-                        f"{path.name} has more than {MAX_VERTICES} vertices or "
+                        f"{path.name} has more than {body_file.MAX_VERTICES} vertices or "
                         f"{MAX_TARGET_VALUES // 10**6} million blendshape values; "
                         "export a coarser mesh."
                     )
@@ -311,9 +297,10 @@ class _Character:
                 )
                 faces = self._faces(primitive, count)
                 num_faces += len(faces)
-                if num_faces > MAX_FACES:
+                if num_faces > body_file.MAX_FACES:
                     raise BodyError(
-                        f"{path.name} has more than {MAX_FACES} triangles; export a coarser mesh."
+                        f"{path.name} has more than {body_file.MAX_FACES} triangles; "
+                        "export a coarser mesh."
                     )
                 weights, blended = self._skinning(primitive, node, posed, count)
                 shapes.add_primitive(mesh, number, blended[:, :, :3], targets)
@@ -360,7 +347,7 @@ class _Character:
             expression_dirs=directions.astype(np.float32),
             expression_joint_dirs=np.zeros((len(directions), NUM_JOINTS, 3), np.float32),
             pose_vertices=np.zeros(0, np.int32),
-            pose_dirs=sp.csr_array((0, NUM_POSE_FEATURES), dtype=np.float32),
+            pose_dirs=sp.csr_array((0, body_file.NUM_POSE_FEATURES), dtype=np.float32),
             regions=None,
             texture=maker.build(template, np.concatenate([each for *_, each in parts])),
             jaw_component=None if jaw is None else self._names.index(jaw),

@@ -14,12 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Shaped
 
-from renderer.figures.curves import (
-    SpeechEffectRow,
-    draw_noise_shift_along_chain,
-    draw_sampling_step_sweep,
-    draw_speech_effect,
-)
+from renderer.figures import curves
+from renderer.figures.curves import SpeechEffectRow
 from renderer.figures.figure6.contents import Figure6, JointMarks
 from renderer.figures.figure6.layout import draw_figure6
 from renderer.figures.jitter import Jitter, JitterSheet, draw_jitter_sheet
@@ -31,10 +27,10 @@ if TYPE_CHECKING:
 DRAW_FUNCTIONS: Mapping[str, "Callable[[Any], Figure]"] = {
     "figure6": draw_figure6,
     "jitter": draw_jitter_sheet,
-    "speech_effect": draw_speech_effect,
-    "hearing": draw_speech_effect,  # its former name
-    "error_growth": draw_noise_shift_along_chain,
-    "steps": draw_sampling_step_sweep,
+    "speech_effect": curves.draw_speech_effect,
+    "hearing": curves.draw_speech_effect,  # its former name
+    "error_growth": curves.draw_noise_shift_along_chain,
+    "steps": curves.draw_sampling_step_sweep,
 }
 """Functions that redraw a run's figures from the saved contents, by the figure's name."""
 _KINDS: Mapping[str, Any] = {

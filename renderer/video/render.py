@@ -12,15 +12,9 @@ from renderer.body.body import Body, BodyMotion
 from renderer.body.lod import select_lod
 from renderer.draw.offscreen import Backend, OffscreenRenderer
 from renderer.draw.probe import choose_backend
+from renderer.scene import camera_setup
 from renderer.scene.camera import Camera
-from renderer.scene.camera_setup import (
-    CameraSetup,
-    Panel,
-    PanelCamera,
-    close_up_mesh,
-    make_camera_setup,
-    select_frames,
-)
+from renderer.scene.camera_setup import CameraSetup, Panel, PanelCamera
 from renderer.scene.studio import PosedFrame, PosedFrameBuilder, StaticBody
 from renderer.video.encoder import DEFAULT_CRF, check_video_size
 from renderer.video.overlays import OverlayPainter, Overlays, heat_colors
@@ -88,7 +82,7 @@ def camera_setup_for(
     body: Body, motions: Sequence[BodyMotion], settings: RenderSettings
 ) -> CameraSetup:
     """Make the stage for pictures of these motions with these settings."""
-    return make_camera_setup(
+    return camera_setup.make_camera_setup(
         body,
         motions,
         settings.view,
@@ -128,7 +122,7 @@ def draw_frames(
     ways = [track[frames] for track in stage.followed_positions(body, motion)]
     heat = overlays and overlays.heat
     painter = OverlayPainter(overlays, panels) if overlays else None
-    chosen = select_frames(motion, frames)
+    chosen = camera_setup.select_frames(motion, frames)
     vertices = [chain.from_iterable(mesh.posed_vertices(chosen)) for mesh in meshes]
     colors = [
         heat_colors(mesh, heat.normalized_jerk[frames]) if heat else repeat(None) for mesh in meshes
@@ -185,7 +179,7 @@ def select_panel_mesh(
     mesh = select_lod(body, body.height_m / pixel_size_m) if pixel_size_m > 0.0 else body
     if panel_camera is stage.panel_cameras[0]:
         return mesh
-    part = close_up_mesh(mesh, panel.view)
+    part = camera_setup.close_up_mesh(mesh, panel.view)
     return mesh.submesh(part.vertices, part.faces)
 
 
@@ -228,7 +222,7 @@ def projected_joints(
     follows the body. A joint may be outside the panel, or hidden behind the body.
     """
     chosen = list(frames)
-    joints = body.joint_positions(select_frames(motion, chosen))
+    joints = body.joint_positions(camera_setup.select_frames(motion, chosen))
     track = stage.followed_positions(body, motion)[0][chosen]
     size = (settings.width, settings.height)
     return np.stack(

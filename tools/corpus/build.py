@@ -13,15 +13,7 @@ from model.storage.files import WriteError
 from processes.job import Job, JobsError
 from processes.pool import JobPool
 from tools.command import run_cli
-from tools.corpus.clip import (
-    SPLIT_TABLE,
-    CorpusClip,
-    clip_paths,
-    make_clip,
-    split_table,
-    write_bytes,
-    write_clip,
-)
+from tools.corpus import clip
 from tools.corpus.people.rig import open_body_rig
 from tools.corpus.people.speaker import SPEAKERS, Speaker, VoiceError, require_flite
 from tools.corpus.words.grammar import Split
@@ -52,7 +44,7 @@ class ClipJob:
         return f"{self.speaker.number}_{self.speaker.name}_0_{self.index}_{self.index}"
 
     def is_done(self) -> bool:
-        return clip_paths(self.root, self.clip_id).all_exist()
+        return clip.clip_paths(self.root, self.clip_id).all_exist()
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -87,7 +79,7 @@ def build_corpus(out: Path, hours: float, seed: int, workers: int = os.cpu_count
         _claim_folder(out, seed, jobs[0].clip_s)
         _make_clips(jobs, workers)
         rows = [(job.clip_id, job.split) for job in jobs]
-        write_bytes(out / SPLIT_TABLE, split_table(rows).encode())
+        clip.write_bytes(out / clip.SPLIT_TABLE, clip.split_table(rows).encode())
     except KeyboardInterrupt:
         raise CorpusError("Interrupted; the same command continues where it stopped.") from None
     except WriteError as error:
@@ -142,7 +134,7 @@ def _claim_folder(root: Path, seed: int, clip_s: float) -> None:
     elif root.is_dir() and any(root.iterdir()):
         raise CorpusError(f"{root} is not empty and holds no corpus; choose another folder.")
     else:
-        write_bytes(manifest, (json.dumps(wanted, indent=1) + "\n").encode())
+        clip.write_bytes(manifest, (json.dumps(wanted, indent=1) + "\n").encode())
 
 
 def read_manifest(path: Path) -> dict[str, int | float]:
@@ -171,10 +163,10 @@ def _make_clips(jobs: list[ClipJob], workers: int) -> None:
 
 
 def make_job(job: ClipJob) -> None:
-    write_clip(job.root, job.clip_id, make_clip_of_job(job))
+    clip.write_clip(job.root, job.clip_id, make_clip_of_job(job))
 
 
-def make_clip_of_job(job: ClipJob) -> CorpusClip:
+def make_clip_of_job(job: ClipJob) -> clip.CorpusClip:
     seed = [job.seed, job.index]
     length_s = job.clip_s * (0.87 + 0.26 * ((job.index * 0.618) % 1.0))
-    return make_clip(open_body_rig(), job.speaker, job.split, length_s, seed)
+    return clip.make_clip(open_body_rig(), job.speaker, job.split, length_s, seed)

@@ -11,17 +11,8 @@ from typing import TYPE_CHECKING, Any
 from app.errors import without_cli_options
 from app.page.routes.media import FileToUrl, SharedFolders
 from app.run.examples import FIRST_LOOK
-from app.run.output.run_folder import (
-    RUN,
-    EditInfo,
-    Row,
-    RowFileKind,
-    RunRecord,
-    existing_file,
-    find_runs,
-    noise_group,
-    read_run,
-)
+from app.run.output import run_folder
+from app.run.output.run_folder import RUN, EditInfo, Row, RowFileKind, RunRecord
 from app.run.requests.requests import MAX_NOISE_RAD, MIN_NOISE_RAD, RotationNoiseRequest
 from conventions.colors import colors_of
 from conventions.names import REFERENCE_NAME, safe_file_stem
@@ -53,7 +44,7 @@ class RunView:
         stat = (self.folder / RUN).stat() if (self.folder / RUN).exists() else None
         key = (stat.st_ino, stat.st_mtime_ns) if stat else (0, 0)
         if self._read is None or self._read[0] != key:
-            self._read = key, read_run(self.folder)
+            self._read = key, run_folder.read_run(self.folder)
         return self._read[1]
 
     @property
@@ -63,7 +54,7 @@ class RunView:
     def file(self, kind: RowFileKind, name: str) -> Path | None:
         """Return the path of a row's file of a kind, or None."""
         row = self.record.row(name)
-        return None if row is None else existing_file(self.folder, row.files.get(kind))
+        return None if row is None else run_folder.existing_file(self.folder, row.files.get(kind))
 
     def planned_rows(self) -> list[str]:
         """Return the names of the run's original rows from systems that follow a gesture plan."""
@@ -149,14 +140,14 @@ class RunView:
             **({"frames_available": row.available.model_dump()} if row.available else {}),
             "stem": safe_file_stem(row.name),
             "is_reference": row.name == REFERENCE_NAME,
-            "noise_key": noise_group(row.edit.original_row if row.edit else row.name),
+            "noise_key": run_folder.noise_group(row.edit.original_row if row.edit else row.name),
             "will_have_video": self.will_have_video,
             "is_planned": "input_plan" in row.files,
             **({"interpretation": _interpretation(row)} if row.assumptions else {}),
         }
 
     def _addresses(self, names: Any) -> dict[str, str]:
-        paths = {kind: existing_file(self.folder, name) for kind, name in names.items()}
+        paths = {kind: run_folder.existing_file(self.folder, name) for kind, name in names.items()}
         return {kind: self.to_url(path) for kind, path in paths.items() if path is not None}
 
 
@@ -164,7 +155,7 @@ def run_views_in(
     folder: Path, to_url: FileToUrl, name: str, will_have_video: bool = False
 ) -> dict[str, RunView]:
     """Return the player data of a folder's run under "", or of several clips by name."""
-    runs = find_runs(folder)
+    runs = run_folder.find_runs(folder)
     return {
         clip: RunView(run, to_url, f"{name}{clip}", will_have_video) for clip, run in runs.items()
     }

@@ -12,25 +12,14 @@ from urllib.parse import quote
 
 from app import text
 from app.errors import without_cli_options, without_folders
+from app.findings import metric_table
 from app.findings.comparison import (
     format_finding_kinds,
     format_two_digits,
     point_title,
     values_by_metric,
 )
-from app.findings.metric_table import (
-    FGD,
-    JERK,
-    METRICS,
-    TITLES,
-    Metric,
-    Numbers,
-    format_difference,
-    format_mean_with_interval,
-    format_three_digits,
-    metric_definition,
-    nearest_names,
-)
+from app.findings.metric_table import FGD, JERK, METRICS, TITLES, Metric, Numbers
 from app.findings.verdict import make_verdict
 from app.page.parts import markup
 from app.run.batch.table import format_cells, mean_with_interval, star_legend
@@ -185,7 +174,8 @@ def _rules(metrics: Iterable[tuple[str, str]]) -> str:
     """Format the definitions of metrics, folded, from their keys and the ids of protocols."""
     rows = "".join(
         f"<dt>{escape(TITLES.get(key, key))}</dt>"
-        f"<dd>{escape(metric_definition(key, protocol))} <code>{escape(protocol)}</code></dd>"
+        f"<dd>{escape(metric_table.metric_definition(key, protocol))} "
+        f"<code>{escape(protocol)}</code></dd>"
         for key, protocol in metrics
     )
     summary = "Definitions and protocols"
@@ -201,7 +191,7 @@ def _row(measure: Metric, columns: Sequence[Column]) -> str:
     for version in FILTER_VERSIONS:
         target = next((each.value(measure, version) for each in recorded), None)
         of_motions = {each.name: each.value(measure, version) for each in motions}
-        near[version] = nearest_names(of_motions, target)
+        near[version] = metric_table.nearest_names(of_motions, target)
     cells = "".join(_cell(measure, column, near) for column in columns)
     unit = f"<small>{escape(measure.unit)}</small>" if measure.unit else ""
     later = "" if measure.is_primary else ' class="later"'
@@ -213,7 +203,11 @@ def _row(measure: Metric, columns: Sequence[Column]) -> str:
 
 
 def _cell(measure: Metric, column: Column, near: Mapping[FilterVersion, Sequence[str]]) -> str:
-    write = format_difference if column.kind == "difference" else format_three_digits
+    write = (
+        metric_table.format_difference
+        if column.kind == "difference"
+        else metric_table.format_three_digits
+    )
     spans = ""
     for kind in FILTER_VERSIONS:
         is_near = column.name in near[kind]
@@ -319,7 +313,10 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
         )
         for number, (clip, run) in enumerate(runs.items(), 1)
     ]
-    cells = [format_mean_with_interval(*numbers, format_two_digits) for numbers in means.values()]
+    cells = [
+        metric_table.format_mean_with_interval(*numbers, format_two_digits)
+        for numbers in means.values()
+    ]
     head = markup.header_cells({name: names[name] for name in jerk})
     title = f"{point_title(first.tracked_point)} jerk by clip (m/s³, as generated)"
     foot = f"<tfoot>{markup.table_row(text.CLIPS_MEAN, cells)}</tfoot>"
@@ -373,8 +370,8 @@ def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
     unit = next(row.unit for row in METRICS if row.key == JERK)
     items = [
         f"<li><b>{escape(each['clip'])}</b><span>{escape(each['system'])}: "
-        f"{escape(format_finding_kinds(each['kinds']))}; jerk {format_three_digits(each['jerk'])} "
-        f"{unit}</span></li>"
+        f"{escape(format_finding_kinds(each['kinds']))}; jerk "
+        f"{metric_table.format_three_digits(each['jerk'])} {unit}</span></li>"
         for each in worst
     ]
     return _listed(

@@ -39,12 +39,7 @@ from app.page.routes.bodies import CHARACTER_ROUTE
 from app.page.visitors.characters import FILE, Characters
 from app.page.visitors.quota import Quota
 from app.page.visitors.visitors import TokenStore, cookie_of
-from app.run.frame_packets import (
-    encode_camera_framing_poses,
-    face_blendshape_names,
-    make_open_body_glb,
-    open_body_build_bytes,
-)
+from app.run import frame_packets
 from app.run.requests.convert import parse_field, request_from
 from app.run.requests.parts import FigureWidth, VideoOptions, check_choice
 from app.run.requests.requests import MARKERS_SUFFIX, FigureRequest, RenderRequest
@@ -413,7 +408,7 @@ def _route(path: str, make: Callable[[], bytes], media_type: str) -> APIRoute:
 
 def warm_caches() -> None:
     """Make the data that the first page would wait for."""
-    make_open_body_glb()
+    frame_packets.make_open_body_glb()
     viewer_constants()
 
 
@@ -429,8 +424,8 @@ def viewer_constants() -> bytes:
 
     constants = {
         **browser_render_constants(),
-        "faces": list(face_blendshape_names()),
-        "reaches": base64.b64encode(encode_camera_framing_poses()).decode("ascii"),
+        "faces": list(frame_packets.face_blendshape_names()),
+        "reaches": base64.b64encode(frame_packets.encode_camera_framing_poses()).decode("ascii"),
         "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_EXAGGERATED_RAD},
         "scales": {"speed": FULL_SPEED_M_S},
         "points": {name: title for title, name in tracked_point_choices()},
@@ -442,8 +437,8 @@ def viewer_constants() -> bytes:
 
 
 VIEWER_ASSETS: Mapping[str, tuple[Callable[[], bytes], str]] = {
-    "live/body.glb": (make_open_body_glb, "model/gltf-binary"),
+    "live/body.glb": (frame_packets.make_open_body_glb, "model/gltf-binary"),
     "stage/facts.json": (viewer_constants, "application/json"),
-    "stage/builds.bin": (open_body_build_bytes, "application/octet-stream"),
+    "stage/builds.bin": (frame_packets.open_body_build_bytes, "application/octet-stream"),
 }
 """Functions that make the data which every viewer fetches once, and MIME types, by route."""

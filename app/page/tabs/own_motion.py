@@ -16,23 +16,11 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.catalogue import tracked_point_choices
 from app.page.parts.form_values import parse_form_values
-from app.page.parts.markup import (
-    PRIVATE_EVENT,
-    UNQUEUED_EVENT,
-    Updates,
-    hidden_html,
-    scroll_to_on_click,
-    update_html,
-)
+from app.page.parts.markup import PRIVATE_EVENT, UNQUEUED_EVENT, Updates, update_html
 from app.page.results.result_parts import ResultParts, figures_html, file_list_html
 from app.page.results.tables import clip_choices, sets_html
-from app.page.tabs.motion import (
-    FIGURE_FIELDS,
-    LAST_FRAME,
-    FormParts,
-    figure_fields,
-    with_default_panels,
-)
+from app.page.tabs import motion
+from app.page.tabs.motion import FIGURE_FIELDS, LAST_FRAME, FormParts
 from app.page.tabs.motion_run import MotionRunner
 from app.page.tabs.runner import PAGE_VIDEO_OPTIONS, Services, request_with_page_settings
 from app.page.visitors.job_folders import Job
@@ -94,13 +82,13 @@ def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
             form = build_own_motion_form(services)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             of_sets = (
-                hidden_html("own-sets"),
+                markup.hidden_html("own-sets"),
                 gr.Dropdown([], label=CLIP_LABEL, visible=False, elem_id="own-sets-clip"),
             )
             parts = ResultParts("own-")
     runner = DiagnoseRunner(services, form, parts, of_sets)
     motions, recorded, assume = (form.fields[each] for each in ("motions", "recorded", "told"))
-    scroll_to_on_click(planted, parts.status)
+    markup.scroll_to_on_click(planted, parts.status)
     filled = planted.click(
         lambda: (write_faulty_example_files(services.config.temp_folder / "planted"), RECORDED),
         outputs=[motions, recorded],
@@ -172,7 +160,7 @@ def build_own_motion_form(services: Services) -> FormParts:
             "", max_length=2000, label=ASSUME_LABEL, info=ASSUME_HELP, elem_id="own-assume"
         )
     with gr.Accordion("Fingertip figure (Figure 6 of the GlobalDiff paper)", open=False):
-        of |= figure_fields()
+        of |= motion.figure_fields()
     with gr.Accordion("Generation windows", open=False):
         gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
         with gr.Row(elem_classes="pair"):
@@ -222,7 +210,7 @@ MAX_NAME = 60
 
 def own_motion_request(values: Mapping[str, Any], job: Path, config: AppConfig) -> DiagnoseRequest:
     """Make the request of a form from the result of `parse_form_values`; raises RunError."""
-    values = with_default_panels(values)
+    values = motion.with_default_panels(values)
     values |= assign_files_to_fields(values["motions"], values.pop("recorded"))
     motions, reference, speech = values["motions"], values["reference"], values["speech"]
     if not motions:

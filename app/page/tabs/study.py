@@ -18,13 +18,7 @@ from app.errors import Cancelled, RunError
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, default_systems
 from app.page.parts.form_values import Fields, parse_form_values
-from app.page.parts.markup import (
-    PRIVATE_EVENT,
-    Updates,
-    hidden_html,
-    scroll_to_on_click,
-    update_html,
-)
+from app.page.parts.markup import PRIVATE_EVENT, Updates, update_html
 from app.page.results.result_parts import download_link, file_list_html
 from app.page.routes.media import PARTICIPANT_TYPES, RESEARCHER_FILE, RESEARCHER_ROUTE, FileToUrl
 from app.page.tabs.motion import SEED_LIMIT, copy_as_upload
@@ -64,7 +58,7 @@ def build_study_tab(services: Services) -> Fields:
                 )
             with gr.Column(elem_classes="results"):
                 status = gr.HTML(markup.idle_status(text.READY), elem_id="study-status")
-                result = hidden_html("study-made", "study_key.js", "mountKey")
+                result = markup.hidden_html("study-made", "study_key.js", "mountKey")
     protocol, speeches, systems, changed = (
         fields[name] for name in ("protocol", "speeches", "systems", "changed")
     )
@@ -90,7 +84,7 @@ def build_study_tab(services: Services) -> Fields:
     at_once: dict[str, Any] = {"concurrency_id": "plan", "show_progress": "hidden"}
     only_plan.start_on(write.click, fields, outputs=outputs, api_name="study_plan", **at_once)
     runner = StudyRunner(services, fields, status, result)
-    scroll_to_on_click(start, status)
+    markup.scroll_to_on_click(start, status)
     runner.start_and_cancel_on(start, cancel, fields, outputs, api_name="study")
     return fields
 
@@ -228,9 +222,9 @@ def build_analysis(services: Services) -> None:
                 start = gr.Button("Analyse", variant="primary", elem_id="analysis-start")
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             status = gr.HTML(markup.idle_status(text.READY), elem_id="analysis-status")
-            report = hidden_html("analysis-report")
+            report = markup.hidden_html("analysis-report")
     fields = {"answers": answers, "key": key}
-    scroll_to_on_click(start, status)
+    markup.scroll_to_on_click(start, status)
     runner = AnalysisRunner(services, fields, status, report)
     runner.start_on(start.click, [answers, key], outputs=[status, report])
 

@@ -19,17 +19,12 @@ from app.page.parts.catalogue import (
     labels_by_group,
 )
 from app.page.parts.form_values import Fields, parse_form_values
-from app.page.parts.markup import (
-    Updates,
-    hidden_html,
-    player_component,
-    scroll_to_on_click,
-    update_html,
-)
+from app.page.parts.markup import Updates, update_html
 from app.page.results.result_parts import figures_html
 from app.page.results.run_view import EMPTY_PLAYER_VALUE, RunView, rotation_noise_player_value
 from app.page.tabs.runner import Services, TabRunner, last_fraction, request_with_page_settings
 from app.page.visitors.job_folders import Job
+from app.run import tasks
 from app.run.callbacks import FolderUpdated, RunEvent
 from app.run.examples import FIRST_MOTION
 from app.run.requests.requests import (
@@ -39,12 +34,6 @@ from app.run.requests.requests import (
     RotationNoiseRequest,
     SpeechEffectRequest,
     StepSweepRequest,
-)
-from app.run.tasks import (
-    COMPARE_ROTATION_NOISE,
-    MEASURE_SPEECH_EFFECT,
-    MEASURE_STEPS,
-    ImportedFunction,
 )
 from model.generation.family import Ablation, AblationStep, NonAblationSystem, Topic
 from model.storage.cards import DEFAULT_SPEAKER_PAIR
@@ -130,7 +119,7 @@ class ExperimentRunner(TabRunner):
     introduction: ClassVar[str]
     button_label: ClassVar[str]
     request_type: ClassVar[type[Any]]
-    task: ClassVar[ImportedFunction]
+    task: ClassVar[tasks.ImportedFunction]
 
     def __init__(self, services: Services) -> None:
         """Lay out and wire the part."""
@@ -148,11 +137,11 @@ class ExperimentRunner(TabRunner):
                     )
             with gr.Column(scale=9, min_width=320, elem_classes="results"):
                 status = gr.HTML(markup.idle_status(text.READY), elem_id=f"{self.tab}-status")
-                self.player = player_component(f"{self.tab}-")
-                self.message = hidden_html(f"{self.tab}-says")
-                self.figure = hidden_html(f"{self.tab}-figures")
+                self.player = markup.player_component(f"{self.tab}-")
+                self.message = markup.hidden_html(f"{self.tab}-says")
+                self.figure = markup.hidden_html(f"{self.tab}-figures")
         super().__init__(services, status)
-        scroll_to_on_click(start, status)
+        markup.scroll_to_on_click(start, status)
         outputs = [status, self.player, self.message, self.figure]
         self.start_and_cancel_on(start, cancel, self.fields, outputs, api_name=self.tab)
 
@@ -237,7 +226,7 @@ class RotationNoiseRunner(ExperimentRunner):
         "joint: on one body relative to the parent joint, on the other in world coordinates. No "
         "network is involved. Move the slider and watch the fingertips."
     )
-    request_type, task = RotationNoiseRequest, COMPARE_ROTATION_NOISE
+    request_type, task = RotationNoiseRequest, tasks.COMPARE_ROTATION_NOISE
 
     def __init__(self, services: Services) -> None:
         super().__init__(services)
@@ -289,7 +278,7 @@ class SpeechEffectRunner(ExperimentRunner):
         "motion follows the speech, arm speeds rise and fall together in motions for the same "
         "speech; if it depends on the noise, they do so in motions with the same seed."
     )
-    request_type, task = SpeechEffectRequest, MEASURE_SPEECH_EFFECT
+    request_type, task = SpeechEffectRequest, tasks.MEASURE_SPEECH_EFFECT
 
     def make_fields(self, catalogue: Catalogue) -> Fields:
         systems = self.systems_field(catalogue, "speech_effect")
@@ -337,7 +326,7 @@ class StepSweepRunner(ExperimentRunner):
         "Generates motion for the same speech with 1, 2, 4, 8 and 25 steps, and shows fingertip "
         "jerk, distance from the 25-step result, and time per frame on this server."
     )
-    request_type, task = StepSweepRequest, MEASURE_STEPS
+    request_type, task = StepSweepRequest, tasks.MEASURE_STEPS
 
     def make_fields(self, catalogue: Catalogue) -> Fields:
         label = "Speech (optional; the first 10 s are used)"

@@ -18,18 +18,9 @@ import jinja2
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from app.errors import RunError
+from app.findings import metric_table
 from app.findings.comparison import format_finding_kinds
-from app.findings.metric_table import (
-    FGD,
-    FGD_EMAGE,
-    FGD_GENEA,
-    METRICS,
-    POWER_ABOVE_5_HZ,
-    TITLES,
-    drop_unpaired,
-    format_three_digits,
-    metric_definition,
-)
+from app.findings.metric_table import FGD, FGD_EMAGE, FGD_GENEA, METRICS, POWER_ABOVE_5_HZ, TITLES
 from app.run.output.run_folder import BATCH, FORMER_BATCH
 from conventions.names import REFERENCE_NAME, printable
 from model.storage.files import read_within_limit, write_atomically
@@ -243,7 +234,7 @@ def leaderboard_html(entries: Sequence[LeaderboardEntry]) -> str:
         script=script,
         tables=[_table(of) for of in tests],
         titles=TITLES,
-        written=format_three_digits,
+        written=metric_table.format_three_digits,
     )
 
 
@@ -253,7 +244,7 @@ def _by_protocol(entry: LeaderboardEntry, entries: Sequence[LeaderboardEntry]) -
     for each in entries:
         for key, value in each.measures.items():
             used.setdefault(key, set()).add(value.protocol)
-    measures = drop_unpaired(entry.measures).items()
+    measures = metric_table.drop_unpaired(entry.measures).items()
     return replace(
         entry,
         measures={
@@ -291,7 +282,9 @@ def _table(entries: list[LeaderboardEntry]) -> dict[str, Any]:
             for key in keys
         },
         "protocols": protocols,
-        "definitions": {key: metric_definition(names[key], protocols[key]) for key in keys},
+        "definitions": {
+            key: metric_table.metric_definition(names[key], protocols[key]) for key in keys
+        },
         "rare": {key for key in keys if names[key] not in _OF_SETS | _FIRST},
         "apart": distance,
     }

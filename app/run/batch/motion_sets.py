@@ -19,32 +19,9 @@ from typing import Any
 
 from app.errors import RunError
 from app.findings.metric_table import METRICS, metric_values, parts_others_have
+from app.run.batch import frechet_distances, pairing, published_metrics
 from app.run.batch.archives import UNPACKED, UnpackBudget, unpack_archives
-from app.run.batch.frechet_distances import (
-    check_fgd_options,
-    distance_rows,
-    distance_values,
-    encoder_digests,
-    features_path,
-    save_features,
-)
-from app.run.batch.pairing import (
-    SampleFiles,
-    first_sample_file,
-    no_common_clips_error,
-    pair_files,
-    shorten_list,
-)
-from app.run.batch.published_metrics import (
-    PLAIN,
-    PROTOCOL_VARIATIONS,
-    PublishedMetrics,
-    make_varied_clip,
-    mean_sums,
-    protocol_comparison_lines,
-    save_sums,
-    sums_path,
-)
+from app.run.batch.published_metrics import PLAIN, PROTOCOL_VARIATIONS, PublishedMetrics
 from app.run.batch.speech_batch import ENDINGS as SOUND_ENDINGS
 from app.run.batch.speech_batch import inputs_stamp, run_jobs
 from app.run.batch.table import average_samples, draw_distribution_figure, write_tables
@@ -118,7 +95,9 @@ def diagnose_folders(
         CheckpointError: for weights that are not EMAGE's.
         JobsError: if the workers are lost.
     """
-    check_fgd_options(map_paths(request, Path.absolute).metrics, request.imports.reference)
+    frechet_distances.check_fgd_options(
+        map_paths(request, Path.absolute).metrics, request.imports.reference
+    )
     with ResultFolder(request.output.out, is_incremental=True) as results:
         folders = unpack_archives(input_sets(request), results.scratch("sets"))
         return _diagnose_sets(
@@ -162,14 +141,16 @@ def _diagnose_sets(
     }
     if (speech := _speech_folder(request)) is not None:
         of_sets[_SPEECH] = speech, SOUND_ENDINGS
-    files = pair_files(of_sets, (REFERENCE_NAME, _SPEECH))
-    sounds = {clip: first_sample_file(samples) for clip, samples in files.pop(_SPEECH, {}).items()}
+    files = pairing.pair_files(of_sets, (REFERENCE_NAME, _SPEECH))
+    sounds = {
+        clip: pairing.first_sample_file(samples) for clip, samples in files.pop(_SPEECH, {}).items()
+    }
     clips = sorted(set.intersection(*(set(paths_of_set) for paths_of_set in files.values())))
     if not clips:
-        raise no_common_clips_error(files)
+        raise pairing.no_common_clips_error(files)
     notes = [
-        f"{name}: {len(paths_of_set) - len(clips)} of {len(paths_of_set)} clips are missing "
-        f"from another set and were not measured: {shorten_list(set(paths_of_set) - set(clips))}."
+        f"{name}: {len(paths_of_set) - len(clips)} of {len(paths_of_set)} clips are missing from another "
+        f"set and were not measured: {pairing.shorten_list(set(paths_of_set) - set(clips))}."
         for name, paths_of_set in files.items()
         if len(paths_of_set) > len(clips)
     ]
@@ -193,7 +174,7 @@ def _diagnose_sets(
 
 def _diagnose_clips(
     request: DiagnoseRequest,
-    files: dict[str, dict[str, SampleFiles]],
+    files: dict[str, dict[str, pairing.SampleFiles]],
     sounds: dict[str, Path],
     clips: list[str],
     notes: list[str],
@@ -230,11 +211,11 @@ def _diagnose_clips(
     above = import_notes(files, list(numbers.values()))
     notes[:0] = above
     systems, record_list = list(files), list(records.values())
-    distances, unsaid = distance_rows(systems, record_list, here.metrics)
+    distances, unsaid = frechet_distances.distance_rows(systems, record_list, here.metrics)
     origin = _origin_of(systems, numbers, here.metrics)
     published = PublishedMetrics(record_list)
     speeds = _speeds_of(here)
-    compared = _by_rule(published, systems, numbers, speeds) | distance_values(
+    compared = _by_rule(published, systems, numbers, speeds) | frechet_distances.distance_values(
         systems, record_list, here.metrics, _variations(here)
     )
     written, results = write_tables(
@@ -246,7 +227,9 @@ def _diagnose_clips(
         origin=origin,
         extra_rows=[*distances, *published.rows(systems)],
         speeds=speeds,
-        lines_below=protocol_comparison_lines(systems, compared, here.metrics.expected),
+        lines_below=published_metrics.protocol_comparison_lines(
+            systems, compared, here.metrics.expected
+        ),
     )
     drawn, spread_notes = draw_distribution_figure(
         request.output.out, systems, list(numbers.values()), speeds
@@ -257,7 +240,7 @@ def _diagnose_clips(
         notes=(*notes, *unsaid, *spread_notes),
         batch_json=results,
         motion_files={
-            name: {clip: first_sample_file(readings[clip]) for clip in numbers}
+            name: {clip: pairing.first_sample_file(readings[clip]) for clip in numbers}
             for name, readings in files.items()
         },
         audio_files={clip: sounds[clip] for clip in numbers if clip in sounds},
@@ -350,7 +333,7 @@ def _speech_folder(request: DiagnoseRequest) -> Path | None:
 class _ClipJob:
     """Files of one clip, measured by one process; all paths are absolute."""
 
-    files: dict[str, SampleFiles]
+    files: dict[str, pairing.SampleFiles]
     """Motion files by set, including the recorded one."""
     sound: Path | None
     request: DiagnoseRequest
@@ -396,7 +379,8 @@ class _ClipJob:
         except (OSError, ValueError, AttributeError):
             return False
         return is_current and all(
-            path(self.record_path).is_file() for path in (features_path, sums_path)
+            path(self.record_path).is_file()
+            for path in (frechet_distances.features_path, published_metrics.sums_path)
         )
 
     def measure(self) -> None:
@@ -440,8 +424,10 @@ class _ClipJob:
             systems[name] = {**average_samples(notes), "assumed": assumed}
         self.record_path.parent.mkdir(parents=True, exist_ok=True)
         variations = _variations(self.request)
-        save_features(self.record_path, motions, self.request.metrics, variations)
-        save_sums(self.record_path, self._sums(readings, motions, clips, shared["protocol_inputs"]))
+        frechet_distances.save_features(self.record_path, motions, self.request.metrics, variations)
+        published_metrics.save_sums(
+            self.record_path, self._sums(readings, motions, clips, shared["protocol_inputs"])
+        )
         notes = {"frames": shortest, "systems": systems, "unread": unread}
         write_atomically(
             self.record_path, json.dumps({"stamp": self._stamp(), **notes}, allow_nan=False) + "\n"
@@ -466,11 +452,12 @@ class _ClipJob:
                 varied = clips[name]
                 if variation != PLAIN:
                     varied = [
-                        make_varied_clip(each, inputs, variation, recorded) for each in samples
+                        published_metrics.make_varied_clip(each, inputs, variation, recorded)
+                        for each in samples
                     ]
                 if name == REFERENCE_NAME:
                     recorded = varied[0]
-                sums[name, variation] = mean_sums([
+                sums[name, variation] = published_metrics.mean_sums([
                     measurable_without(
                         protocol_sums(clip, with_metrics_measured_elsewhere), reading.missing_parts
                     )
@@ -525,7 +512,7 @@ def _origin_of(
         "project": revision(),
         "systems": digests,
         "reference": digests.get(REFERENCE_NAME),
-        "encoders": encoder_digests(metrics),
+        "encoders": frechet_distances.encoder_digests(metrics),
         "mean_speeds": metrics.mean_speeds and file_sha256(metrics.mean_speeds),
         "measures": METRICS_VERSION,
     }

@@ -15,15 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from app.findings import metric_table
 from app.findings.comparison import format_finding_kinds
-from app.findings.metric_table import (
-    JERK,
-    METRICS,
-    TITLES,
-    Metric,
-    format_mean_with_interval,
-    format_three_digits,
-)
+from app.findings.metric_table import JERK, METRICS, TITLES, Metric
 from app.findings.verdict import MIN_CLIPS_FOR_CLAIM
 from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
@@ -193,7 +187,7 @@ def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[str]:
                 of["system"],
                 of["clip"],
                 format_finding_kinds(of["kinds"]),
-                format_three_digits(of["jerk"]),
+                metric_table.format_three_digits(of["jerk"]),
             ),
         )
         for of in worst
@@ -226,7 +220,8 @@ def _spread_lines(of_systems: ClipsBySystem) -> list[str]:
         by_metric = [[each[row.key] for each in of if row.key in each] for of in spreads.values()]
         if any(by_metric):
             cells = (
-                format_three_digits(float(np.mean(each)) if each else None) for each in by_metric
+                metric_table.format_three_digits(float(np.mean(each)) if each else None)
+                for each in by_metric
             )
             rows.append((title_with_unit(row), *cells))
     title = "Standard deviation between the samples of a clip, averaged over clips."
@@ -314,9 +309,8 @@ def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:
         return "n/a"
     is_sure = apart and (apart["difference_low"] > 0 or apart["difference_high"] < 0)
     star = is_sure and by_other[last]["clips"] >= MIN_CLIPS_FOR_CLAIM
-    return (
-        f"{format_mean_with_interval(mean['mean'], mean['low'], mean['high'])}{'*' if star else ''}"
-    )
+    text = metric_table.format_mean_with_interval(mean["mean"], mean["low"], mean["high"])
+    return f"{text}{'*' if star else ''}"
 
 
 def _sheet(systems: list[str], results: Mapping[str, Any], means: Cells) -> list[str]:

@@ -46,16 +46,10 @@ from model.generation.regenerate import (
 from model.generation.windows import GenerateOptions
 from model.motion.motion import Motion, load_motion
 from model.motion.transforms import apply_post_filter
+from model.plan import kinds
 from model.plan.editing import GestureKey, other_hand_gesture
 from model.plan.files import read_plan_file
-from model.plan.kinds import (
-    HOLD_S,
-    PREPARATION_S,
-    STROKE_S,
-    TWO_HANDED_KINDS,
-    USUAL_STROKE_GOALS,
-    group_gesture_phases,
-)
+from model.plan.kinds import HOLD_S, PREPARATION_S, STROKE_S, TWO_HANDED_KINDS, USUAL_STROKE_GOALS
 from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
 from model.speech.audio import Speech, SpeechReadOptions, load_speech
@@ -218,7 +212,7 @@ def _there(folder: Path, record: RunRecord, name: str) -> Path:
 def plan_editor_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     """Return the plan editor's JSON: gestures, style parameters and available gesture types."""
     gestures = []
-    for stroke in group_gesture_phases(plan):
+    for stroke in kinds.group_gesture_phases(plan):
         phases = plan.hand(stroke.side)[stroke.first_index : stroke.last_index + 1]
         lands = stroke.last_stroke
         holds = [each for each in phases if each.phase == "hold" and each.start_s >= lands.end_s]

@@ -26,13 +26,8 @@ from model.plan.plan import GesturePlan
 from model.speech.audio import load_speech
 from model.storage.files import write_atomically, written_atomically
 from renderer.body.body import Body, BodyMotion
+from renderer.files import exports
 from renderer.files.character_glb import character_glb_bytes
-from renderer.files.exports import (
-    blender_unsupported_notes,
-    write_blender_npz,
-    write_bvh,
-    write_posed_mesh,
-)
 from renderer.files.vrma import vrma_bytes
 from renderer.video.compose import contact_sheet
 from renderer.video.workers import run_render_jobs
@@ -64,7 +59,7 @@ def render_or_export_motion(
     # Blender uses its own body
     own = (*body.remarks, *body.unsupported_notes(motion))
     if request.suffix == ".blender.npz":
-        own = blender_unsupported_notes(motion)
+        own = exports.blender_unsupported_notes(motion)
     return files, (*reading.notes, *apart, *own)
 
 
@@ -99,14 +94,14 @@ def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Pat
                         f"There is no frame {frame}: the motion has {motion.num_frames} frames, "
                         "counted from 0."
                     )
-                write_posed_mesh(body, motion, frame, part)
+                exports.write_posed_mesh(body, motion, frame, part)
             case ".bvh":
-                write_bvh(body, motion, part)
+                exports.write_bvh(body, motion, part)
                 if plan is not None:  # BVH cannot store markers
                     files.append(request.out.with_suffix(MARKERS_SUFFIX))
                     write_atomically(files[1], markers_csv(plan))
             case _:
-                write_blender_npz(motion, part, markers)
+                exports.write_blender_npz(motion, part, markers)
     return tuple(files)
 
 

@@ -21,14 +21,8 @@ from app.run.bodies import PointTracker, align_and_cut_motions, body_motion, mak
 from app.run.callbacks import FolderUpdated, RunCallbacks
 from app.run.display import FULL_SPEED_M_S, Display
 from app.run.models import get_body
+from app.run.output import run_folder
 from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import (
-    RowFileKind,
-    add_file,
-    existing_file,
-    read_run,
-    video_file_name,
-)
 from app.run.requests.parts import MAX_COMPARED, VideoOptions
 from app.run.requests.requests import RunVideosRequest
 from conventions.joints import FINGERTIP_VERTICES
@@ -40,15 +34,10 @@ from model.motion.transforms import exaggerate_tremor
 from renderer.body.body import Body, BodyMotion
 from renderer.figures.figure6.contents import JointMarks
 from renderer.scene.camera_setup import CameraSetup, Panel, layout_panels, select_frames
+from renderer.video import render
 from renderer.video.compose import compose_videos
 from renderer.video.overlays import HeatMap, Overlays, Trail
-from renderer.video.render import (
-    RenderSettings,
-    camera_setup_for,
-    draw_frames,
-    projected_joints,
-    stack_pictures,
-)
+from renderer.video.render import RenderSettings
 from renderer.video.workers import MotionRenderJob, run_render_jobs
 
 FileCallback = Callable[..., None]
@@ -137,7 +126,7 @@ def draw_videos(
     for view, name in product(video.views, motions):
         how = render_settings(video, view, (layouts or {}).get(name), **settings)
         if how not in cameras:
-            cameras[how] = camera_setup_for(body, posed, how)
+            cameras[how] = render.camera_setup_for(body, posed, how)
         jobs[name, view] = MotionRenderJob(
             **looks[name],
             out=video_path(name, view),
@@ -167,7 +156,7 @@ def render_row_videos(
     """
 
     def out(name: str, view: View) -> Path:
-        return folder.new_path(video_file_name(name, view, video.views))
+        return folder.new_path(run_folder.video_file_name(name, view, video.views))
 
     def on_done(key: PictureKey) -> None:
         name, view = key
@@ -199,7 +188,7 @@ def draw_snapshots(
     whole = replace(video, framing="whole", close_ups=(), views=video.views[:1])
     settings = render_settings(whole, whole.views[0])
     posed = {name: body_motion(motion) for name, motion in motions.items()}
-    stage = camera_setup_for(body, [*posed.values()], settings)
+    stage = render.camera_setup_for(body, [*posed.values()], settings)
     groups: dict[Any, list[str]] = {}
     for name, motion in posed.items():
         groups.setdefault((motion.expression_basis, motion.betas.tobytes()), []).append(name)
@@ -217,12 +206,12 @@ def draw_snapshots(
             settings,
             stage.with_camera_paths([np.concatenate(ways)]),
         )
-        with closing(draw_frames(*looks)) as drawn:
+        with closing(render.draw_frames(*looks)) as drawn:
             for number, picture in enumerate(drawn):
                 pictures[names[number // len(frames)]].append(picture.copy())
                 done = sum(map(len, pictures.values()))
                 on_share(done / (len(posed) * len(frames)))
-    stacks = {name: stack_pictures(each, settings) for name, each in pictures.items()}
+    stacks = {name: render.stack_pictures(each, settings) for name, each in pictures.items()}
     return Snapshots(frames, stacks, jerk_marks(body, posed, frames, settings, stage))
 
 
@@ -317,7 +306,7 @@ def jerk_marks(
     highest = float(np.percentile(np.concatenate(list(values.values())), _PERCENTILE))
     return JointMarks(
         pixels={
-            name: projected_joints(body, motion, frames, settings, stage)
+            name: render.projected_joints(body, motion, frames, settings, stage)
             for name, motion in motions.items()
         },
         joint_jerk=values,
@@ -399,18 +388,18 @@ def draw_run_videos(request: RunVideosRequest, callbacks: RunCallbacks) -> None:
     Raises Cancelled, and MotionError, BodyError, GLError, VideoError, each with one sentence.
     """
     run, video = request.run, request.video
-    record = read_run(run)
+    record = run_folder.read_run(run)
 
-    def add(path: Path, row: str = "", kind: RowFileKind | None = None) -> None:
-        add_file(run, path, row, kind)
+    def add(path: Path, row: str = "", kind: run_folder.RowFileKind | None = None) -> None:
+        run_folder.add_file(run, path, row, kind)
         callbacks.on_event(FolderUpdated(run))
 
     motions = {
         row.name: load_motion(file)
         for row in record.rows
-        if row.edit is None and (file := existing_file(run, row.files.get("motion")))
+        if row.edit is None and (file := run_folder.existing_file(run, row.files.get("motion")))
     }
-    speech = existing_file(run, record.audio) if record.speech_sha256 else None
+    speech = run_folder.existing_file(run, record.audio) if record.speech_sha256 else None
     body = get_body(video.body, video.look)
     with ResultFolder(request.out) as folder:
         render_row_videos(

@@ -25,13 +25,8 @@ from model.motion.transforms import smooth_motion
 from renderer.body.body import Body, BodyMotion
 from renderer.scene.camera import Orbit
 from renderer.scene.camera_setup import Panel
-from renderer.video.compose import (
-    MAX_HEIGHT_PX,
-    MAX_WIDTH_PX,
-    SuperposedPair,
-    compose_videos,
-    label_band_height,
-)
+from renderer.video import compose
+from renderer.video.compose import MAX_HEIGHT_PX, MAX_WIDTH_PX, SuperposedPair
 from renderer.video.workers import MotionRenderJob
 
 NAME = "stage.mp4"
@@ -179,7 +174,7 @@ class _VideoLayout:
         columns = min(viewer.columns, len(viewer.visible)) if viewer.mode == "grid" else 1
         rows = -(-len(viewer.visible) // columns) if viewer.mode == "grid" else 1
         scale = min(MAX_WIDTH_PX / (columns * width), MAX_HEIGHT_PX / (rows * height), MAX_ENLARGED)
-        band = label_band_height(round(scale * min(width, height)))
+        band = compose.label_band_height(round(scale * min(width, height)))
         scale *= min(1.0, (MAX_HEIGHT_PX / rows - band) / (scale * height))
 
         def even(value: float) -> int:
@@ -219,7 +214,7 @@ def _compose(
         labels = [
             f"{label}{caption}" for label, caption in zip(labels, _MODE_CAPTIONS[mode], strict=True)
         ]
-    compose_videos(
+    compose.compose_videos(
         videos,
         labels,
         folder.new_path(NAME),

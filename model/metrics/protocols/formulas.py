@@ -6,15 +6,11 @@ from functools import partial
 
 import numpy as np
 
+from model.metrics.protocols import genea
 from model.metrics.protocols.alignment import BeatAlignVariant, workbench_beat_sums
 from model.metrics.protocols.clip import Clip, Sums, mean_values
 from model.metrics.protocols.coverage import coverage_sums
 from model.metrics.protocols.face import face_squared_error_sums, face_velocity_error_sums
-from model.metrics.protocols.genea import (
-    canonical_correlation_sums,
-    hellinger_distance,
-    speed_histogram_sums,
-)
 from model.metrics.protocols.physical import physical_plausibility_sums
 from model.metrics.protocols.semantics import SemanticRelevanceRecall
 from model.metrics.protocols.table import PROTOCOLS
@@ -51,8 +47,8 @@ FORMULAS: Mapping[str, Formula] = {
     "gac/unicamp": Formula(coverage_sums),
     "srgr/beat": Formula(SemanticRelevanceRecall(threshold_m=0.1, norm=2)),
     "srgr/raggesture": Formula(SemanticRelevanceRecall(threshold_m=0.3, norm=1)),
-    "hellinger/genea": Formula(speed_histogram_sums, hellinger_distance),
-    "cca/genea": Formula(canonical_correlation_sums),
+    "hellinger/genea": Formula(genea.speed_histogram_sums, genea.hellinger_distance),
+    "cca/genea": Formula(genea.canonical_correlation_sums),
     "mse_face/emage": Formula(face_squared_error_sums),
     "lvd/emage": Formula(face_velocity_error_sums),
 }

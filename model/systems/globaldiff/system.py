@@ -9,13 +9,8 @@ from torch import Tensor
 
 from conventions.rates import FPS
 from model.generation.base import WindowSpec, fade_weights
-from model.motion.packing import (
-    HAND_CHANNELS,
-    MOTION_DIM,
-    NON_HAND_CHANNELS,
-    join_channels,
-    rotations,
-)
+from model.motion import packing
+from model.motion.packing import HAND_CHANNELS, MOTION_DIM, NON_HAND_CHANNELS
 from model.motion.rotations import rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
 from model.networks.branch import (
@@ -162,9 +157,9 @@ class GlobalDiffSystem(FaceFirstSystem):
         vectors = self.normaliser.restore(x_1)
         if seed is not None and config.root == "place":
             vectors = pull_towards_origin(vectors, config.seed_frames, self.drift_correction_s)
-        rotmat, root = rotations(vectors, config.rotation_space), vectors[..., -ROOT_DIM:]
+        rotmat, root = packing.rotations(vectors, config.rotation_space), vectors[..., -ROOT_DIM:]
         if config.rotation_space != "axis-angle":  # rows of any length become those of a rotation
-            vectors = join_channels(rot6d_from_matrix(rotmat), root)
+            vectors = packing.join_channels(rot6d_from_matrix(rotmat), root)
         return SeedingWindow(
             rotmat=rotmat,
             root=root,

@@ -14,14 +14,9 @@ from jaxtyping import Float, Float32
 from torch import Tensor
 
 from model.generation.base import num_windows
+from model.speech import wavlm
 from model.speech.encoder import EncoderError
-from model.speech.wavlm import (
-    WINDOW_FRAMES,
-    WINDOW_SAMPLES,
-    SpeechModel,
-    load_speech_model,
-    resampled,
-)
+from model.speech.wavlm import WINDOW_FRAMES, WINDOW_SAMPLES, SpeechModel
 from model.systems.official.checkpoints import (
     SEED_FRAMES,
     SPEECH_DIM,
@@ -94,7 +89,7 @@ def _by_model(folder: Path) -> SpeechModel:
             f"{folder} holds a {kind} of width {width}; the authors' networks need a wavlm or "
             f"hubert of width {SPEECH_DIM}."
         )
-    return load_speech_model(folder, MODELS[kind])[0]
+    return wavlm.load_speech_model(folder, MODELS[kind])[0]
 
 
 def _prepared(path: Path) -> SpeechModel:
@@ -133,4 +128,4 @@ def read_features(path: Path) -> Float32[Tensor, "n 60 1024"]:
     features = torch.from_numpy(array.astype(np.float32))
     if not features.isfinite().all():
         raise EncoderError(f"{path.name} holds features that are not finite (NaN or infinite).")
-    return features if features.shape[1] == WINDOW_FRAMES else resampled(features)
+    return features if features.shape[1] == WINDOW_FRAMES else wavlm.resampled(features)

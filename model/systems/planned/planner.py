@@ -18,16 +18,10 @@ from model.generation.base import WindowSpec
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import FrozenSpeechEncoder, load_speech_codes
 from model.networks.trained import TrainedWeights
+from model.plan import plan_features
 from model.plan.kinds import KindTable, kind_numbers, sample_index
 from model.plan.plan import GesturePlan
-from model.plan.plan_features import (
-    TIERS,
-    TIERS_BY_NAME,
-    EventOnset,
-    chain_state_at,
-    chains_to_plan,
-    plan_tracks,
-)
+from model.plan.plan_features import TIERS, TIERS_BY_NAME, EventOnset
 from model.speech.encoder import SPEECH_ENCODER
 from model.systems.planned.config import PLANNER, PlannerConfig
 from model.systems.planned.network import PlannerNetwork, TierHead
@@ -82,10 +76,12 @@ class EventChainSampler:
         """Draw whether something begins at this frame, or the state stays."""
         head = self._head
         now = self.chain[-1]
-        states = [chain_state_at(head.tier, now, frame)]
+        states = [plan_features.chain_state_at(head.tier, now, frame)]
         if head.tier.coupled_tier:
             other = others[head.tier.coupled_tier].chain[-1]
-            states.append(chain_state_at(TIERS_BY_NAME[head.tier.coupled_tier], other, frame))
+            states.append(
+                plan_features.chain_state_at(TIERS_BY_NAME[head.tier.coupled_tier], other, frame)
+            )
         tier_inputs = self._tier_inputs[:, frame - self._first]
         state, logs = self._events(tier_inputs, np.concatenate(states))
         log = logs[-1] + self._strength * (logs[0] - logs[-1])
@@ -229,7 +225,7 @@ class Planner:
         chains = {name: drawer.chain for name, drawer in drawers.items()}
         rng = np.random.default_rng([*spec.clip_noise_key, KINDS])
         plan = self.kinds.sample_kinds(
-            chains_to_plan(chains, num_frames), spec.speaker_index, spec.words, rng
+            plan_features.chains_to_plan(chains, num_frames), spec.speaker_index, spec.words, rng
         )
         chances = np.random.default_rng([*spec.clip_noise_key, _CALLED])
         return self.kinds.add_word_strokes(plan, spec.words, chances)
@@ -280,7 +276,7 @@ class Planner:
     ) -> Float[Tensor, "n input_dim"]:
         """Concatenate features with a plan's tracks and gesture types from frame ``first`` on."""
         stop = first + len(features)
-        tracks = torch.from_numpy(plan_tracks(plan, stop)[first:])
+        tracks = torch.from_numpy(plan_features.plan_tracks(plan, stop)[first:])
         kinds = torch.from_numpy(kind_numbers(plan, stop, self.kinds)[first:]).float()
         return torch.cat([features, tracks, kinds], dim=1)
 

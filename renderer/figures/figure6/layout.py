@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from renderer.figures import style
+from renderer.figures.figure6 import snapshots
 from renderer.figures.figure6.contents import CUT_OFF_HZ, PANELS, Figure6
 from renderer.figures.figure6.panels import (
     PanelRow,
@@ -18,13 +19,7 @@ from renderer.figures.figure6.panels import (
     draw_tremor,
     grid_pitch_m,
 )
-from renderer.figures.figure6.snapshots import (
-    AROUND_MM,
-    KEY_MM,
-    SnapshotStrips,
-    draw_mark_legend,
-    draw_snapshots,
-)
+from renderer.figures.figure6.snapshots import AROUND_MM, KEY_MM, SnapshotStrips
 from renderer.figures.style import MAX_HEIGHT_MM
 
 if TYPE_CHECKING:
@@ -58,7 +53,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
     }
     draw: dict[str, Any] = {"a": draw_coordinates, "c": draw_path, "d": draw_tremor}
     if strips:
-        draw["b"] = partial(draw_snapshots, strips=strips)
+        draw["b"] = partial(snapshots.draw_snapshots, strips=strips)
     legend_panel = next((p for p in "ac" if is_shared and p in contents.panels), "")
     shown = dict.fromkeys(panel for row in rows for panel in row.panels)
     letters = dict(zip(shown, PANELS, strict=False))  # in the order of the page
@@ -71,7 +66,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
             if row.has_titles:
                 style.write_title(place, f"{letters[panel]}  {titles[panel]}")
             if row.has_titles and panel == "b":
-                draw_mark_legend(place, contents)
+                snapshots.draw_mark_legend(place, contents)
             if row.motion_names and panel == legend_panel:
                 place = place.subfigures()  # below the title
                 style.draw_legend(place, contents.styles)

@@ -6,13 +6,7 @@ from itertools import groupby
 
 import numpy as np
 
-from tools.corpus.gesture.gestures import (
-    GENERIC,
-    GESTURES_BY_WORD,
-    LISTED,
-    ONLY_WHEN_STRESSED,
-    GestureShape,
-)
+from tools.corpus.gesture import gestures
 from tools.corpus.people.rig import SIDE_SIGN, SIDES
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.prosody import Phrase, SpokenWord
@@ -64,13 +58,13 @@ class GestureSelector:
         if called is not None:
             name, index = called
         elif strongest in self._items and self._rng.random() < LISTED_SHARE:
-            name, index = LISTED[self._rng.integers(len(LISTED))], strongest
+            name, index = gestures.LISTED[self._rng.integers(len(gestures.LISTED))], strongest
         else:
             name, index = self._generic(), strongest
         self._recent.append(name)
         return name, index
 
-    def hands(self, gesture: GestureShape, aside_m: float, index: int) -> list[str]:
+    def hands(self, gesture: gestures.GestureShape, aside_m: float, index: int) -> list[str]:
         """Choose the hands, the leading one first; a side, as in a contrast, prefers its hand."""
         rng, speaker, contrasts = self._rng, self._speaker, index in self._contrast
         nearest = SIDES[0] if aside_m > 0 else SIDES[1]
@@ -102,10 +96,10 @@ class GestureSelector:
         rng, words = self._rng, self._words
         candidates = []
         for k in chunk:
-            for name in GESTURES_BY_WORD.get(words[k].text, ()):
+            for name in gestures.GESTURES_BY_WORD.get(words[k].text, ()):
                 if name in self._recent:
                     continue
-                common = name in ONLY_WHEN_STRESSED
+                common = name in gestures.ONLY_WHEN_STRESSED
                 stress = min(words[k].accent, 1.0)
                 share = 0.3 + 0.55 * stress if not common else 0.1 + 0.6 * stress
                 candidates.append((share * rng.uniform(0.7, 1.0), name, k))
@@ -115,9 +109,9 @@ class GestureSelector:
         return (name, k) if rng.random() < self._speaker.keyword_gesture_rate * share else None
 
     def _generic(self) -> str:
-        names = list(GENERIC)
+        names = list(gestures.GENERIC)
         last = self._recent[-1] if self._recent else ""
-        weights = np.array([GENERIC[n] for n in names])
+        weights = np.array([gestures.GENERIC[n] for n in names])
         weights *= [FAVOURITE if n in self._speaker.favourites else 1.0 for n in names]
         weights *= [0.4 if n == last else 1.0 for n in names]
         return names[self._rng.choice(len(names), p=weights / weights.sum())]
