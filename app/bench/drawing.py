@@ -68,7 +68,7 @@ def measure_render_stages(motion: BodyMotion, folder: Path) -> list[BenchResult]
 
     def timed(name: str, work: Callable[[], Result]) -> Result:
         result, *seconds = measure_time(work)
-        wall, cpu = (1e3 * each / motion.num_frames for each in seconds)
+        wall, cpu = (1e3 * one / motion.num_frames for one in seconds)
         figures.append(
             BenchResult(f"{name}, {SIZE_PX} x {SIZE_PX}", wall, "ms/frame", value_by_cpu_time=cpu)
         )
@@ -77,34 +77,32 @@ def measure_render_stages(motion: BodyMotion, folder: Path) -> list[BenchResult]
     chunks = timed("skinning", lambda: list(body.posed_vertices(motion)))
     frames = list(chain.from_iterable(chunks))
     normals_of = VertexNormals(body.faces, body.num_vertices)
-    timed("normals", lambda: [normals_of(each) for each in frames])
+    timed("normals", lambda: [normals_of(one) for one in frames])
     prepare = PosedFrameBuilder(body.faces, body.num_vertices, stage)
     timed(
         "ground shadow",
-        lambda: [prepare.ground.texture(prepare.ground.shadow(each)) for each in frames],
+        lambda: [prepare.ground.texture(prepare.ground.shadow(one)) for one in frames],
     )
-    posed = [prepare(each) for each in frames]
+    posed = [prepare(one) for one in frames]
     subject = StaticBody(body.faces, body.vertex_colors, prepare.ground.corners())
     with OffscreenRenderer(choose_backend()) as renderer:
         canvas = renderer.make_canvas(subject, SIZE_PX, SIZE_PX)
         canvas.draw(posed[0], stage.camera)  # compiles the shaders
-        pictures = timed(
-            "drawing", lambda: [canvas.draw(each, stage.camera).copy() for each in posed]
-        )
+        images = timed("drawing", lambda: [canvas.draw(one, stage.camera).copy() for one in posed])
 
     def encode() -> None:
-        with VideoWriter(folder / "bench.mp4", SIZE_PX, SIZE_PX, len(pictures)) as video:
-            for picture in pictures:
+        with VideoWriter(folder / "bench.mp4", SIZE_PX, SIZE_PX, len(images)) as video:
+            for picture in images:
                 video.write(picture)
 
     timed("encoding", encode)
     few = [*chain.from_iterable(whole.posed_vertices(select_frames(motion, slice(NAIVE_FRAMES))))]
     _, *seconds = measure_time(lambda: draw_with_plain_pyrender(few, whole, stage, SIZE_PX))
-    wall, cpu = (1e3 * each / len(few) for each in seconds)
-    ours = [each for each in figures if not each.name.startswith(("skinning", "encoding"))]
+    wall, cpu = (1e3 * one / len(few) for one in seconds)
+    ours = [one for one in figures if not one.name.startswith(("skinning", "encoding"))]
     own_wall, own_cpu = (
-        sum(each.value for each in ours),
-        sum(each.value_by_cpu_time or 0.0 for each in ours),
+        sum(one.value for one in ours),
+        sum(one.value_by_cpu_time or 0.0 for one in ours),
     )
     title = "speed-up of our drawing over a plain pyrender loop"
     return [

@@ -117,9 +117,7 @@ def _overview(argv: Sequence[str]) -> NoReturn:
     """Write the list of commands, or an error for an unknown command, and exit."""
     begun = [word for word in argv[:1] if any(name.startswith(f"{word} ") for name in COMMANDS)]
     rest = argv[len(begun) :]
-    commands = {
-        name: does for name, does in COMMANDS.items() if name.split()[: len(begun)] == begun
-    }
+    commands = {name: run for name, run in COMMANDS.items() if name.split()[: len(begun)] == begun}
     if not rest or rest[0] not in ("-h", "--help"):
         command = " ".join([*begun, *rest[:1]])
         problem = f"There is no command {command!r}." if rest else "A command is missing."

@@ -129,9 +129,7 @@ def _ablation_sentences(
 ) -> list[str]:
     """Compare the systems of a claim: gain and cost of its first step, then of each addition."""
     jerk = table[JERK]
-    rungs = [
-        name for name in (claim.first_less_jerk_system, *claim.less_jerk_systems) if name in jerk
-    ]
+    rungs = [one for one in (claim.first_less_jerk_system, *claim.less_jerk_systems) if one in jerk]
     if not rungs:
         return []
     base, sentences = rungs[0], []

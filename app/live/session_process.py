@@ -152,9 +152,7 @@ def main() -> None:
     """Handle messages of the page, and generate windows in between."""
     torch.set_num_threads(1)  # windows are small, and other processes need cores
     channel, (weights,) = parent_channel()
-    performers = SessionScheduler(
-        Path(weights), lambda number, message: channel.send((number, message))
-    )
+    performers = SessionScheduler(Path(weights), lambda *answer: channel.send(answer))
     with suppress(Exception):  # the error is reported to the visitor who opens one
         for name in representatives("streaming"):
             performers.load_and_warm_up(name)

@@ -29,12 +29,7 @@ from app.config import (
 )
 from app.errors import RunError, message_for_user
 from app.flags import family_files_annotation, parse_command, set_family_files
-from app.page.gradio_changes import (
-    answer_wrong_call,
-    import_gradio,
-    patch_gradio,
-    replace_gradio_queue,
-)
+from app.page import gradio_changes
 from model.systems.registry import families, unavailable_family_messages
 
 if TYPE_CHECKING:
@@ -81,12 +76,12 @@ def launch(config: AppConfig, preloads_models: bool = True) -> Blocks:
     """
     check_port(config)
     _set_environment(config)
-    import_gradio()
+    gradio_changes.import_gradio()
     from app.page.page import build_app
 
     services = _make_services(config, preloads_models)
     page = build_app(services)
-    replace_gradio_queue(page, services.jobs, config.max_queue_size)
+    gradio_changes.replace_gradio_queue(page, services.jobs, config.max_queue_size)
     _serve(page, config, _make_routes(services))
     # Loading models earlier would delay the start of the page.
     if preloads_models:
@@ -132,7 +127,7 @@ def _make_services(config: AppConfig, preloads_models: bool) -> Services:
     catalogue = read_catalogue(config.weights, tuple(sorted(EXAMPLES.glob("*.wav"))))
     proxies = (*LOCAL_PROXIES, *config.trusted_proxies)
     quota = Quota(config.max_stored_bytes_per_address, config.result_lifetime_s, proxies)
-    patch_gradio(config.temp_folder, config.min_free_bytes, quota, proxies)
+    gradio_changes.patch_gradio(config.temp_folder, config.min_free_bytes, quota, proxies)
     silence_invalid_websocket_text()
     jobs = Jobs(config.jobs_folder, quota)
     start_sweeper(config.temp_folder, config.result_lifetime_s, jobs.in_use, quota.forget_deleted)
@@ -238,7 +233,9 @@ def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
             "routes": [*routes],
             "exception_handlers": {
                 RequestValidationError: refuse_wrong_body,
-                **dict.fromkeys((KeyError, TypeError, ValueError), answer_wrong_call),
+                **dict.fromkeys(
+                    (KeyError, TypeError, ValueError), gradio_changes.answer_wrong_call
+                ),
             },
             "lifespan": guard_lifespan(
                 HostNames(config.host, config.host_names),

@@ -29,14 +29,9 @@ from conventions.names import (
 from conventions.rates import SAMPLE_RATE
 from model.formats.read import ENDINGS, read_any_motion
 from model.formats.reading import ImportOverrides
+from model.generation import windows
 from model.generation.base import System, Windowing
-from model.generation.windows import (
-    GenerateOptions,
-    MotionPiece,
-    draw_conditions,
-    motion_pieces,
-    single_threaded,
-)
+from model.generation.windows import GenerateOptions, MotionPiece
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, concatenate, first_frames, load_motion
 from model.motion.transforms import apply_post_filter
@@ -188,7 +183,7 @@ def _generate_in_turns(
             for row, of in parts.pop(name).items():
                 generated[row] = filter_and_write(row, concatenate(of))
 
-    with single_threaded():
+    with windows.single_threaded():
         while making:
             for name in list(making):
                 generate_piece(name)
@@ -213,7 +208,9 @@ def _pieces_of(
         transcript, _ = transcript_loader.wait(run.raise_if_cancelled)
         plans = options.conditions
         if not plans:
-            plans = draw_conditions(system, speech, replace(options, words=transcript.words))
+            plans = windows.draw_conditions(
+                system, speech, replace(options, words=transcript.words)
+            )
         written: list[GesturePlan] = []
         for sample, plan in enumerate(plans, start=1):
             name = str(SampleName(system.name, sample))
@@ -223,7 +220,7 @@ def _pieces_of(
                 plan = styled.plan
             written.append(run.write_plan(name, plan))
         options = replace(options, conditions=tuple(written))
-    yield from motion_pieces(system, speech, options, run.should_cancel)
+    yield from windows.motion_pieces(system, speech, options, run.should_cancel)
 
 
 def _windows(request: GenerateRequest, systems: Sequence[System]) -> dict[str, Windowing]:
@@ -413,7 +410,7 @@ def write_plan_from_speech(request: PlanRequest) -> PlanResult:
         words.begin(speech.waveform)
         transcript, notes = words.wait(lambda: None)
     sampling = replace(request.sampling, seed=noise_seed_of_clip(request.seed, speech.sha256))
-    (plan,) = draw_conditions(
+    (plan,) = windows.draw_conditions(
         system, speech, generation_options(sampling, system, words=transcript.words)
     )
     edited = PlanResult(plan) if wish is None else wish.apply(plan, transcript.words)

@@ -10,12 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import RunError
-from app.run.bodies import (
-    FOOT_JOINT_HEIGHT_M,
-    align_and_cut_motions,
-    body_motion,
-    make_point_tracker,
-)
+from app.run import bodies
 from app.run.diagnostics import cached_speech_onsets, check_figure6
 from app.run.models import get_body
 from app.run.output.provenance import motion_labels
@@ -68,7 +63,7 @@ def import_motions(
             "Mean joint speeds are used only for BeatAlign, which needs speech; also give --speech."
         )
     body = get_body(request.video.body)
-    tracker = make_point_tracker(request.video.body, request.tracked_point)
+    tracker = bodies.make_point_tracker(request.video.body, request.tracked_point)
     files = _files_of(request)
     readings = _read_motions(request, files, run)
     motions = {name: each.motion for name, each in readings.items()}
@@ -88,7 +83,7 @@ def import_motions(
         rates = {name: each.source_fps for name, each in readings.items()}
         notes += [*speech.notes, *length_notes(speech.duration_s, durations, rates)]
     run.report_progress("speech", 1.0)
-    staged, cut_notes = align_and_cut_motions(shown)
+    staged, cut_notes = bodies.align_and_cut_motions(shown)
     plans = (
         {}
         if request.motions.source_run is None
@@ -152,7 +147,9 @@ def _face_vertices(body: Body, motion: Motion) -> FaceVertices | None:
     poses = np.zeros_like(motion.poses)
     poses[:, jaw] = motion.poses[:, jaw]
     still = replace(motion, poses=poses, trans=np.zeros_like(motion.trans))
-    return lambda frames: np.concatenate(list(body.posed_vertices(body_motion(still.part(frames)))))
+    return lambda frames: np.concatenate(
+        list(body.posed_vertices(bodies.body_motion(still.part(frames))))
+    )
 
 
 def _visible_motions(request: DiagnoseRequest, motions: Mapping[str, Motion]) -> dict[str, Motion]:
@@ -181,7 +178,7 @@ def _on_the_floor(motion: Motion) -> Motion:
         return motion
     feet = track_points(motion, open_body_skeleton()).joints[:, list(FEET), 1]
     trans = motion.trans.copy()
-    trans[:, 1] += FOOT_JOINT_HEIGHT_M - float(np.median(feet.min(axis=1)))
+    trans[:, 1] += bodies.FOOT_JOINT_HEIGHT_M - float(np.median(feet.min(axis=1)))
     return replace(motion, trans=trans)
 
 

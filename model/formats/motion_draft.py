@@ -194,9 +194,7 @@ def are_positions(rows: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> 
     """Check whether rows are positions, by constant bones in the proportions of a body."""
     places = scatter_joints(rows[:: max(1, len(rows) // 100)], joints)
     bones = [joint for joint in joints[1:] if PARENTS[joint] in joints]
-    lengths = np.linalg.norm(
-        places[:, bones] - places[:, [PARENTS[joint] for joint in bones]], axis=-1
-    )
+    lengths = np.linalg.norm(places[:, bones] - places[:, [PARENTS[j] for j in bones]], axis=-1)
     mean = lengths.mean(axis=0)
     if not mean.std() > 1e-3:
         return False

@@ -451,9 +451,7 @@ class _Archive:
             by_length.setdefault(length, []).append(key)
         by_length.pop(1, None)
         if len(by_length) > 1:
-            lengths = ", ".join(
-                f"{length} of {join_names(keys)}" for length, keys in by_length.items()
-            )
+            lengths = ", ".join(f"{n} of {join_names(keys)}" for n, keys in by_length.items())
             draft.assume(
                 "frames",
                 str(frames),

@@ -18,13 +18,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from model.generation import windows
 from model.generation.base import ConditionStream, MotionConstraint, SpeechWindow, System, Window
-from model.generation.windows import (
-    GenerateOptions,
-    MotionAssembler,
-    WindowChain,
-    first_window_spec,
-)
+from model.generation.windows import GenerateOptions, MotionAssembler, WindowChain
 from model.motion.motion import Motion
 
 CONDITION_MARGIN = 12
@@ -64,7 +60,7 @@ class LiveGenerator:
         """Condition around the latest window."""
         self._constraint: MotionConstraint | None = None
         if system.condition_type is not None:
-            self._stream = system.condition_stream(first_window_spec(system, options))
+            self._stream = system.condition_stream(windows.first_window_spec(system, options))
             self._constraint = system.make_constraint(None)
         self._motion = MotionAssembler(system, constraint=self._constraint)
         self._speech: Float[Tensor, "kept dim"] = torch.zeros(0, system.encoder.dim)

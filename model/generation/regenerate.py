@@ -176,9 +176,7 @@ def save_windows(state: GenerationState, path: Path) -> None:
     fields = [window.sliced_tensors(slice(None)) for window in state.windows]
     tensors = {name: torch.stack([each[name] for each in fields]) for name in fields[0]}
     with written_atomically(path) as part:
-        followed = {
-            _FOLLOWED + name: condition for name, condition in state.constraint_state.items()
-        }
+        followed = {_FOLLOWED + key: condition for key, condition in state.constraint_state.items()}
         conditioning = state.conditioning.contiguous()
         part.write_bytes(save({_CONDITIONING: conditioning, **followed, **tensors}))
 

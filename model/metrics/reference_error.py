@@ -13,14 +13,7 @@ import torch
 from jaxtyping import Float, Float32, Int
 from scipy.spatial.distance import pdist, squareform
 
-from conventions.joints import (
-    JOINT_NAMES,
-    LEFT_HAND,
-    MIRROR_PERMUTATION,
-    NUM_JOINTS,
-    RIGHT_HAND,
-    UPPER_BODY,
-)
+from conventions import joints
 from model.metrics.smoothness import mean_by_depth
 from model.motion.kinematics import mirror_local
 from model.motion.motion import Motion, arkit_weights_or_zeros, first_frames
@@ -47,14 +40,14 @@ def rotation_difference_by_part_deg(first: Motion, second: Motion) -> dict[str, 
     angles = geodesic_angle(a.double(), b.double()).rad2deg().mean(0)
     angles_by_part = {
         part: float(
-            angles[[i for i, name in enumerate(JOINT_NAMES) if re.match(begin, name)]].mean()
+            angles[[i for i, name in enumerate(joints.JOINT_NAMES) if re.match(begin, name)]].mean()
         )
         for part, begin in PARTS.items()
     }
     return dict(sorted(angles_by_part.items(), key=lambda item: -item[1]))
 
 
-UPPER_BODY_AND_HANDS = (*UPPER_BODY, *LEFT_HAND, *RIGHT_HAND)
+UPPER_BODY_AND_HANDS = (*joints.UPPER_BODY, *joints.LEFT_HAND, *joints.RIGHT_HAND)
 
 _CHUNK_FRAMES = 2048
 
@@ -95,7 +88,7 @@ def error_to_reference(tracks: Tracks, reference: Tracks) -> ErrorsToReference:
     position_m = np.linalg.norm(rooted - rooted_reference, axis=-1).mean(axis=0)
     global_deg = mean_angle_deg(tracks.R_world_joint, reference.R_world_joint)
     local_deg = mean_angle_deg(tracks.R_parent_joint, reference.R_parent_joint)
-    swapped = tracks.R_parent_joint[:, list(MIRROR_PERMUTATION)]
+    swapped = tracks.R_parent_joint[:, list(joints.MIRROR_PERMUTATION)]
     mirrored = mirror_local(torch.from_numpy(tracks.R_parent_joint)).numpy()
     by_sides = (
         local_deg,
@@ -134,7 +127,7 @@ BATCH_WINDOWS = 50
 """Batch size B of AsynFusion's eq. 17."""
 WINDOW_FRAMES, EVERY_FRAMES = 60, 2
 """Window of 2 s at 15 frames per second; the paper's has 34 frames at 15 per second."""
-GESTURE_DIM = 3 * NUM_JOINTS
+GESTURE_DIM = 3 * joints.NUM_JOINTS
 
 
 @dataclass(frozen=True)

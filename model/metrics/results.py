@@ -11,12 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from model.metrics.joints import (
-    FingertipMetrics,
-    JointLimitMetrics,
-    PositionMetrics,
-    RotationMetrics,
-)
+from model.metrics import joints
 from model.metrics.lag import Lag
 from model.metrics.posture import PostureMetrics
 from model.metrics.reference_error import Diversity, ErrorsToReference
@@ -54,12 +49,12 @@ class MotionMetrics:
     """All metrics of one motion; in files the fields of all groups are on one level."""
 
     point: TrackedPointMetrics
-    fingertips: FingertipMetrics
-    positions: PositionMetrics
-    rotations: RotationMetrics
+    fingertips: joints.FingertipMetrics
+    positions: joints.PositionMetrics
+    rotations: joints.RotationMetrics
     seams: SeamMetrics
     posture: PostureMetrics
-    joint_limits: JointLimitMetrics
+    joint_limits: joints.JointLimitMetrics
     diversity: Diversity
     errors: ErrorsToReference | None = None
     """Errors to the reference; None without a reference."""

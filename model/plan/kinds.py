@@ -423,9 +423,7 @@ def _calls(
 
 def _word_at(words: Sequence[Interval], time_s: float) -> str:
     near = [word for word in words if _is_on(word, time_s)]
-    nearest = min(
-        near, key=lambda word: abs(0.5 * (word.start_s + word.end_s) - time_s), default=None
-    )
+    nearest = min(near, key=lambda w: abs(0.5 * (w.start_s + w.end_s) - time_s), default=None)
     return "" if nearest is None else nearest.text.lower()
 
 

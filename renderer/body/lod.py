@@ -43,9 +43,7 @@ def select_lod(body: Body, height_px: float) -> Body:
     needed = FACES_PER_SQUARE_PX * height_px**2
     if needed > len(body.faces) or body.texture is not None:  # textures have seams
         return body
-    fine_enough = [
-        faces for faces in _coarser_faces(body) if needed <= len(faces) < len(body.faces)
-    ]
+    fine_enough = [mesh for mesh in _coarser_faces(body) if needed <= len(mesh) < len(body.faces)]
     if not fine_enough:
         return body
     vertices, corners = np.unique(fine_enough[-1], return_inverse=True)

@@ -119,6 +119,4 @@ def _from_json(content: Any, arrays: Mapping[str, Shaped[np.ndarray, " ..."]]) -
 
             return DataFrame(of)
     names = {name: _RENAMED.get(str(name), str(name)) for name in (kind, *of)}
-    return _KINDS[names[kind]](
-        **{names[name]: _from_json(each, arrays) for name, each in of.items()}
-    )
+    return _KINDS[names[kind]](**{names[name]: _from_json(one, arrays) for name, one in of.items()})

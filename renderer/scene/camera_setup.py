@@ -305,9 +305,7 @@ def make_camera_setup(
 def _framed(framing: Framing) -> list[int]:
     """Return the joints that a view without close-up shows."""
     hidden = BELOW_KNEES if framing == "knees" else ()
-    return [
-        joint for joint, name in enumerate(JOINT_NAMES) if not any(part in name for part in hidden)
-    ]
+    return [j for j, name in enumerate(JOINT_NAMES) if not any(part in name for part in hidden)]
 
 
 def select_frames(motion: BodyMotion, frames: slice | Sequence[int]) -> BodyMotion:

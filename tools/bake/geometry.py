@@ -224,9 +224,7 @@ def _triangles_of(polygon: list[int], first_new: int) -> list[list[int]]:
     if len(new) == 2:
         middle = new[1] - new[0]
         pieces = [polygon[: middle + 1], [polygon[0], *polygon[middle:]]]
-    return [
-        [piece[0], piece[k], piece[k + 1]] for piece in pieces for k in range(1, len(piece) - 1)
-    ]
+    return [[part[0], part[k], part[k + 1]] for part in pieces for k in range(1, len(part) - 1)]
 
 
 def paint(mesh: Mesh, face_regions: Int[np.ndarray, " F"]) -> Mesh:

@@ -170,9 +170,7 @@ class RunPair:
         """Merge the timelines of both runs for motions that have a row, with the sound of one."""
         curves, worst = {}, []
         for line, letter in zip(lines, "AB", strict=True):
-            curves |= {
-                self.unique_name(name, letter): curve for name, curve in line["curves"].items()
-            }
+            curves |= {self.unique_name(name, letter): one for name, one in line["curves"].items()}
             worst += [
                 {**each, "name": self.unique_name(each["name"], letter)} for each in line["worst"]
             ]
@@ -208,9 +206,7 @@ def match_motions(a: Sequence[str], b: Sequence[str]) -> list[tuple[str, str]]:
 
     The name of a missing partner is empty.
     """
-    only_a, only_b = (
-        [name for name in own if name not in other] for own, other in ((a, b), (b, a))
-    )
+    only_a, only_b = ([one for one in own if one not in other] for own, other in ((a, b), (b, a)))
     pairs = [(name, name) for name in a if name in b]
     if len(only_a) == len(only_b) == 1:
         return [*pairs, (only_a[0], only_b[0])]

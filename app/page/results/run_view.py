@@ -163,9 +163,7 @@ def run_views_in(
 
 def _interpretation(row: Row) -> dict[str, Any]:
     """Return the interpretation of a row's file for the player, with its pattern."""
-    assumptions = [
-        {**each, "reason": without_cli_options(each["reason"])} for each in row.assumptions
-    ]
+    assumptions = [{**one, "reason": without_cli_options(one["reason"])} for one in row.assumptions]
     return {"file_pattern": f"*{row.source_suffix}", "assumptions": assumptions}
 
 

@@ -192,9 +192,7 @@ class Guard:
                 return self.trusts_forwarded_headers or is_https
             return name != b"x-gradio-server"
 
-        scope["headers"] = [
-            (name, value) for name, value in scope["headers"] if is_good(name, value)
-        ]
+        scope["headers"] = [(key, value) for key, value in scope["headers"] if is_good(key, value)]
 
 
 def _take_off_root_path(scope: Scope) -> None:

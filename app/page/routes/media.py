@@ -108,10 +108,8 @@ class SharedFolders(TokenStore[_Shared]):
         path, _, _ = address.partition("?")
         route, _, rest = path.partition("/")
         token, _, name = rest.partition("/")
-        shared_path = (
-            self.file(token, unquote(name), cookie) if f"/{route}" == MEDIA_ROUTE else None
-        )
-        return shared_path and shared_path[0]
+        shared = self.file(token, unquote(name), cookie) if f"/{route}" == MEDIA_ROUTE else None
+        return shared and shared[0]
 
     def file(self, token: str, name: str, cookie: str) -> tuple[Path, str | None] | None:
         """Return the path of a file, with its MIME type if it is shown; None without access."""

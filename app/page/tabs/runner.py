@@ -58,9 +58,7 @@ def request_with_page_settings(
         "figure_formats": ("png",),
     }
     names = accepted_field_names(request_type)
-    return request_from(
-        request_type, {name: own[name] for name in own if name in names} | dict(values)
-    )
+    return request_from(request_type, {key: own[key] for key in own if key in names} | dict(values))
 
 
 @dataclass(frozen=True)

@@ -64,9 +64,7 @@ def ablations_html(systems: Sequence[str]) -> str:
 
 
 def _ablation(ablation: Ablation, systems: Sequence[str]) -> str:
-    cards = "".join(
-        _card(number, step, systems) for number, step in enumerate(ablation.steps, start=1)
-    )
+    cards = "".join(_card(i, step, systems) for i, step in enumerate(ablation.steps, start=1))
     extra = "".join(_extra(each, systems) for each in ablation.extra)
     title, introduction = escape(ablation.title), escape(ablation.introduction)
     return f"<h2>{title}</h2><p>{introduction}</p><ol>{cards}</ol>{extra}"

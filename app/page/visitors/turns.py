@@ -77,11 +77,7 @@ class LimitedQueue(queueing.Queue):
             if kind != CHECKS and len(waiting) >= self.max_queue_size:
                 return False, FULL.format(count=len(waiting)), "queue_full"
             limit = MAX_CHECKS_OF_ADDRESS if kind == CHECKS else MAX_OF_ADDRESS
-            own = [
-                event
-                for event in self._waiting(kind)
-                if _is_from(event, client_network_of(request))
-            ]
+            own = [one for one in self._waiting(kind) if _is_from(one, client_network_of(request))]
             if len(own) >= limit:
                 return False, FULL_OF_ADDRESS.format(count=limit), "error"
         held, messages = self.pending_event_ids_session, self.pending_messages_per_session

@@ -149,8 +149,9 @@ def _diagnose_sets(
     if not clips:
         raise pairing.no_common_clips_error(files)
     notes = [
-        f"{name}: {len(paths_of_set) - len(clips)} of {len(paths_of_set)} clips are missing from another "
-        f"set and were not measured: {pairing.shorten_list(set(paths_of_set) - set(clips))}."
+        f"{name}: {len(paths_of_set) - len(clips)} of {len(paths_of_set)} clips are missing from "
+        f"another set and were not measured: "
+        f"{pairing.shorten_list(set(paths_of_set) - set(clips))}."
         for name, paths_of_set in files.items()
         if len(paths_of_set) > len(clips)
     ]

@@ -56,9 +56,7 @@ def pair_files(
         for name, (folder, endings) in folders.items()
     }
     clip_names = {each.parts[-1] for paths in files.values() for each in paths if not each.sample}
-    numbers_are_clips = any(
-        map(_is_numbered, (f for name in recorded for f in files.get(name, ())))
-    )
+    numbers_are_clips = any(map(_is_numbered, (f for one in recorded for f in files.get(one, ()))))
     files = {
         name: paths if name in recorded else _of_folders(paths, clip_names, numbers_are_clips)
         for name, paths in files.items()

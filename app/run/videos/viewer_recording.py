@@ -55,9 +55,7 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
     longest, notes = _longest(motions, viewer)
     motions = [motion.part(slice(longest)) for motion in motions]
     visible = {str(i): motions[number] for i, number in enumerate(viewer.visible)}
-    bases = {
-        i: smooth_motion(motion) if viewer.is_smoothed else motion for i, motion in visible.items()
-    }
+    bases = {i: smooth_motion(one) if viewer.is_smoothed else one for i, one in visible.items()}
     body = get_body(request.body)
     tracker = make_point_tracker(request.body, viewer.settings.tracked_point)
     room = _VideoLayout.of(viewer)

@@ -253,9 +253,7 @@ def latex_table(results: Sequence[QuestionResult], key: StudyKey) -> str:
     }
     table = pd.DataFrame({"System": map(escaping.escape_latex, key.systems)})
     for result in results:
-        cells = [
-            _latex_cell(result.find_estimate(result.bar_measure, name)) for name in key.systems
-        ]
+        cells = [_latex_cell(result.find_estimate(result.bar_measure, one)) for one in key.systems]
         table[escaping.escape_latex(result.question.id)] = cells
     tabular = table.to_latex(index=False, escape=False, column_format="l" + "c" * len(results))
     return f"% Needs \\usepackage{{booktabs}}. {captions[results[0].bar_measure]}\n{tabular}"

@@ -159,9 +159,7 @@ def drop_invalid_answers(sent: Participant, key: StudyKey) -> tuple[Participant,
             refused[fault] += 1
         else:
             accepted[answered] = answer
-    panel = {
-        name: sent.panel_values[name] for name in key.panel_id_names if name in sent.panel_values
-    }
+    panel = {one: sent.panel_values[one] for one in key.panel_id_names if one in sent.panel_values}
     return replace(sent, answers=tuple(accepted.values()), panel_values=panel), refused
 
 

@@ -202,6 +202,4 @@ def _place(answer: Answer) -> object:
 
 
 def _content(participant: Participant) -> tuple:
-    return tuple(
-        (one.trial, one.question, str(one.value), one.page_ms) for one in participant.answers
-    )
+    return tuple((a.trial, a.question, str(a.value), a.page_ms) for a in participant.answers)

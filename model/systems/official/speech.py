@@ -17,11 +17,8 @@ from model.generation.base import num_windows
 from model.speech import wavlm
 from model.speech.encoder import EncoderError
 from model.speech.wavlm import WINDOW_FRAMES, WINDOW_SAMPLES, SpeechModel
-from model.systems.official.checkpoints import (
-    SEED_FRAMES,
-    SPEECH_DIM,
-    require_speech_model_or_features,
-)
+from model.systems.official import checkpoints
+from model.systems.official.checkpoints import SEED_FRAMES, SPEECH_DIM
 
 STEP_SAMPLES = WINDOW_SAMPLES - int(16_000 / 30 * SEED_FRAMES)
 ADVANCE = WINDOW_FRAMES - SEED_FRAMES
@@ -70,7 +67,7 @@ def frames_to_window(frames: Float[Tensor, "60 both"]) -> Float[Tensor, "60 dim"
 
 def official_encoder() -> OfficialEncoder:
     """Make the encoder from the speech model in a folder, or from a file of features."""
-    source = require_speech_model_or_features()
+    source = checkpoints.require_speech_model_or_features()
     return OfficialEncoder(_by_model(source) if source.is_dir() else _prepared(source))
 
 

@@ -19,6 +19,7 @@ from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import sample
 from model.storage.files import FileStamps, file_sha256, file_stamps
 from model.storage.npz import MotionError
+from model.systems.official import networks
 from model.systems.official.checkpoints import (
     MOTION_DIM,
     SEED_FRAMES,
@@ -28,11 +29,7 @@ from model.systems.official.checkpoints import (
     official_file,
 )
 from model.systems.official.config import FAMILY, UNFILTERED
-from model.systems.official.networks import (
-    OfficialExpressionNetwork,
-    OfficialMotionNetwork,
-    load_network,
-)
+from model.systems.official.networks import OfficialExpressionNetwork, OfficialMotionNetwork
 from model.systems.official.speech import frames_to_window, official_encoder
 
 FILTER = torch.tensor([-2.0, 3.0, 6.0, 7.0, 6.0, 3.0, -2.0]) / 21
@@ -170,7 +167,7 @@ def _vectors(
 @functools.lru_cache(maxsize=2)
 def _shared(part: OfficialNetwork, path: Path, stamps: FileStamps) -> nn.Module:
     """Load a network once for both systems."""
-    return load_network(part, path)
+    return networks.load_network(part, path)
 
 
 def load(name: str, folder: Path) -> OfficialSystem:

@@ -82,9 +82,7 @@ def presets(system: str) -> dict[str, TrainConfig]:
 
 def _with_plan_conditioning(base: GlobalDiffTrainConfig, system: str) -> PlannedMotionTrainConfig:
     shape = PlannedNetworkConfig(**vars(base.network))
-    fields = {
-        name: value for name, value in vars(base).items() if name not in ("system", "network")
-    }
+    fields = {key: value for key, value in vars(base).items() if key not in ("system", "network")}
     return PlannedMotionTrainConfig(system=system, network=shape, **fields)
 
 

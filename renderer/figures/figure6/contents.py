@@ -167,9 +167,7 @@ class Figure6:
     @cached_property
     def window_trajectories(self) -> dict[str, np.ndarray]:
         """Positions (T, 3) in metres inside the window, by motion."""
-        return {
-            name: np.asarray(self.trajectories[name])[self._window] for name in self.motion_names
-        }
+        return {key: np.asarray(self.trajectories[key])[self._window] for key in self.motion_names}
 
     @cached_property
     def tremor_mm(self) -> dict[str, np.ndarray]:

@@ -66,9 +66,7 @@ def _held(rig: Rig, pose: HandPose, both: bool) -> Float[np.ndarray, " 165"]:
     rng, num_frames = np.random.default_rng(0), 31
     speaking = np.zeros(num_frames)
     posture = ((0, PELVIS_TILT_DEG), *((joint, bend) for joint, _, bend in SPINE))
-    trunk = {
-        joint: euler_matrices("X", np.full((num_frames, 1), pitch)) for joint, pitch in posture
-    }
+    trunk = {j: euler_matrices("X", np.full((num_frames, 1), pitch)) for j, pitch in posture}
     curves = follow_plan(rig, HandPlan(keys), speaking, SPEAKERS[0], rng)
     arms = move_arms(
         rig, HandPlan(keys), curves, hips_in_chest(rig, trunk), speaking, SPEAKERS[0], rng

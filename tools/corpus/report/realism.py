@@ -117,9 +117,7 @@ def head_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
     Brows, lids and lips are left out, as recordings have another basis of face units, and the
     sideways turn of the jaw, which the corpus does not have.
     """
-    neck, head, jaw = (
-        clip.R_parent_joint[:, JOINT_INDEX[name]] for name in ("neck", "head", "jaw")
-    )
+    neck, head, jaw = (clip.R_parent_joint[:, JOINT_INDEX[n]] for n in ("neck", "head", "jaw"))
     in_chest_deg = np.degrees(axis_angles(neck @ head))
     opening = np.degrees(axis_angles(jaw))[:, 0]
     series = {
