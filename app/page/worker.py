@@ -98,10 +98,9 @@ class Worker:
     ) -> ResultT:
         """Do a task as soon as the previous one is done.
 
-        Raises:
-            Cancelled: if the task stopped within `GRACE_S` of its cancellation, or was ended.
-            RunError: with the sentence of the error, or of the exceeded limit.
-            WorkerError: for a fault of the program.
+        Raises Cancelled if the task stopped within `GRACE_S` of its cancellation, or was ended;
+        RunError with the sentence of the error, or of the exceeded limit; WorkerError for a fault
+        of the program.
         """
         while not callbacks.should_cancel():
             if self._turn.acquire(timeout=_POLL_S):

@@ -173,10 +173,9 @@ def make_figure6(
 ) -> Figure6:
     """Make the content of Figure 6: trajectories of the tracked point, and poses if there are any.
 
-    Args:
-        motions: motions as they are shown; a recorded one has the name `REFERENCE_NAME`.
-        on_piece: called at least once for each motion; an exception from it stops the work.
-        post_filter: filter of generated motions; None for imported ones.
+    The motions are as they are shown; a recorded one has the name `REFERENCE_NAME`. ``on_piece`` is
+    called at least once for each; an exception from it stops the work. The filter is that of
+    generated motions; None for imported ones.
     """
     end, labels, marks = figures.start_frame + WINDOW_FRAMES, short_names(motions), snapshots.marks
     if marks is not None:

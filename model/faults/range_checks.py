@@ -108,12 +108,10 @@ class RangeCheck:
         )
 
     def _format_value(self, value: float, has_unit: bool = True) -> str:
-        number = f"{self.display_scale * value:.0f}"
+        text = f"{self.display_scale * value:.0f}"
         if self.display_scale * value < 100:
-            number = np.format_float_positional(
-                float(f"{self.display_scale * value:.2g}"), trim="-"
-            )
-        return f"{number} {self.display_unit}".replace(" °", "°") if has_unit else number
+            text = np.format_float_positional(float(f"{self.display_scale * value:.2g}"), trim="-")
+        return f"{text} {self.display_unit}".replace(" °", "°") if has_unit else text
 
 
 def _times(ratio: float) -> str:

@@ -501,12 +501,10 @@ class _Archive:
             self.motion_choice = Assumption("motion", choice, "set by you", "user", tuple(names))
         elif len(candidates) > 1:
             before = ""
-            alternatives = tuple(each for each in candidates if each)
-            reason = (
-                f"`{candidates['']}` was read; the file also contains {', '.join(alternatives)}"
-            )
+            others = tuple(each for each in candidates if each)
+            reason = f"`{candidates['']}` was read; the file also contains {', '.join(others)}"
             self.motion_choice = Assumption(
-                "motion", printable(candidates[""]), reason, "likely", alternatives
+                "motion", printable(candidates[""]), reason, "likely", others
             )
         for own in (False, True):  # arrays of no other motion, then those of this one
             for key in self.headers:

@@ -131,10 +131,8 @@ def autoencoder_input(
 ) -> Float[Tensor, "B T channels"]:
     """Convert a motion to the input of an autoencoder of this shape, not normalised.
 
-    Args:
-        poses: local axis-angle, radians.
-        transl: root position, metres.
-        face: ARKit blendshape weights, 0 to 1.
+    Poses are local axis-angle (rad), ``transl`` is the root position (m), and ``face`` has ARKit
+    blendshape weights, 0 to 1.
     """
     parts = []
     if config.motion_channels > 0:

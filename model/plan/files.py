@@ -97,14 +97,10 @@ def check_plan_suffix(path: Path) -> None:
 
 
 def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -> None:
-    """Write a plan in the format of the file's suffix, atomically.
+    """Write a plan in the format of the file's suffix, atomically; ELAN opens the speech with it.
 
-    Args:
-        speech: sound file that ELAN opens with the plan.
-
-    Raises:
-        PlanError: if the suffix is none of ours, or the format cannot hold the plan.
-        WriteError: with the reason.
+    Raises PlanError if the suffix is none of ours, or the format cannot hold the plan; WriteError
+    with the reason.
     """
     check_plan_suffix(path)
     ending = path.suffix.lower()

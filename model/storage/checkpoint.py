@@ -157,12 +157,8 @@ def check_tensors(
 ) -> None:
     """Check that tensors are all those of a network, no others, and finite.
 
-    Args:
-        network: the required network, as part of a sentence.
-        advice: which file to use, as the end of a sentence.
-
-    Raises:
-        CheckpointError: with the first key that differs.
+    In the message, ``network`` is the required one, and ``advice``, at its end, which file to use.
+    Raises CheckpointError with the first key that differs.
     """
     wrong = tensor_mismatches(expected, tensors)
     if wrong:

@@ -177,10 +177,8 @@ def possible_system_files(name: str, folder: Path = BUNDLED_WEIGHTS) -> Iterator
 def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> "System":
     """Load a system.
 
-    Raises:
-        UnknownNameError: if there is no such system; the message lists the available ones.
-        CheckpointError: if its files are missing or damaged.
-        FamilyUnavailableError: if the code of a family of another package fails.
+    Raises UnknownNameError, which lists the available systems; CheckpointError if files are missing
+    or damaged; FamilyUnavailableError if the code of a family of another package fails.
     """
     available = list_systems(folder)
     if name not in available:

@@ -327,10 +327,8 @@ class DynamicMesh:
     ) -> None:
         """Make the mesh.
 
-        Args:
-            frame: frame with all vertices of the body, as for ``update``.
-            faces: faces among its vertices; other vertices are left out.
-            texture: texture, which the colours are multiplied by.
+        The frame has all vertices of the body, as for ``update``; those not in ``faces`` are left
+        out. Colours are multiplied by the texture.
         """
         self._used, faces = _in_order(faces)
         held = trimesh.Trimesh(

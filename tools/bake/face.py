@@ -87,10 +87,8 @@ def with_closed_lips(positions: Points, ring: list[int], quads: Int[np.ndarray, 
 def make_teeth(row: str, old: Mesh, mouth: Float[np.ndarray, " 3"]) -> Mesh:
     """Make a smooth dental arch that moves like the row of teeth it replaces.
 
-    Args:
-        row: ``upper`` or ``lower``.
-        old: MakeHuman's row of teeth, which pokes through the lips.
-        mouth: middle of the lip line.
+    The row is ``upper`` or ``lower``; the old one is MakeHuman's, which pokes through the lips;
+    ``mouth`` is the middle of the lip line.
     """
     sign = 1.0 if row == "upper" else -1.0
     turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, ARCH_STEPS)

@@ -171,9 +171,7 @@ def textgrid(clip: CorpusClip) -> str:
         return NamedTier(name, tuple(merged))
 
     def moments(name: str, rows: list[Point]) -> NamedTier:
-        return NamedTier(
-            name, tuple(Interval(at, at, label) for at, label in rows), has_points=True
-        )
+        return NamedTier(name, tuple(Interval(at, at, text) for at, text in rows), has_points=True)
 
     def points(name: str, rows: list[Point]) -> NamedTier:
         return moments(name, sorted(row for row in rows if 0 <= row[0] < duration_s))

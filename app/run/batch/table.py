@@ -141,10 +141,8 @@ def _clip_rows(
 ) -> Iterator[tuple[Any, ...]]:
     """Yield the header, a row for each clip of each system, and one for each omitted clip."""
     keys = [row.key for row in METRICS]
-    others = [
-        (key, protocol) for key in keys if (protocol := protocol_of(key, speeds)) != WORKBENCH
-    ]
-    protocols = "; ".join([WORKBENCH, *(f"{key} {protocol}" for key, protocol in others)])
+    rest = [(key, protocol) for key in keys if (protocol := protocol_of(key, speeds)) != WORKBENCH]
+    protocols = "; ".join([WORKBENCH, *(f"{key} {protocol}" for key, protocol in rest)])
     yield ("clip", "system", "findings", *keys, "left out because", "protocols")
     for name, clips in of_systems.items():
         for clip, record in clips:
@@ -373,10 +371,8 @@ def draw_distribution_figure(
     if values.empty:
         return (), []
     draw = partial(draw_cumulative_distributions, values, shown, REFERENCE_NAME)
-    protocols = (
-        f"Metrics by protocol {WORKBENCH}, BeatAlign by {protocol_of('beat_align', speeds)}."
-    )
-    files = save_figure(draw, out / "distributions", f"{DISTRIBUTIONS_CAPTION} {protocols}")
+    sentence = f"Metrics by protocol {WORKBENCH}, BeatAlign by {protocol_of('beat_align', speeds)}."
+    files = save_figure(draw, out / "distributions", f"{DISTRIBUTIONS_CAPTION} {sentence}")
     if not left_out:
         return tuple(files), []
     return tuple(files), [

@@ -38,10 +38,8 @@ def render_or_export_motion(
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Render or export a motion file.
 
-    Raises:
-        Cancelled: if the caller has cancelled.
-        RunError: if the request cannot be done.
-        MotionError, BodyError, GLError, VideoError: each with one sentence.
+    Raises Cancelled, RunError if the request cannot be done, and MotionError, BodyError, GLError,
+    VideoError, each with one sentence.
     """
     request.check()
     request.import_overrides.check_files_exist([request.motion])

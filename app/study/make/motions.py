@@ -162,10 +162,8 @@ def make_clip_motions(
 ) -> dict[str, Motion]:
     """Read or generate the motion of every system for one clip, ready to be rendered.
 
-    Raises:
-        RunError: if two systems move exactly alike, or faces cannot be compared.
-        Cancelled: when ``should_cancel`` returns true.
-        UnknownNameError, CheckpointError, BodyError: each with one sentence.
+    Raises RunError if two systems move exactly alike, or faces cannot be compared, Cancelled, and
+    UnknownNameError, CheckpointError, BodyError, each with one sentence.
     """
     motions = {
         system.name: source.motion_excerpts[system.name]

@@ -126,11 +126,9 @@ def sample(
                 x[which], t[which] = clean, torch.ones_like(t[which])
                 continue
             follows = sampler == "ddim"
-            renoised = (
-                noise_from_clean(x[which], clean, t[which]) if follows else noise(which, done)
-            )
+            noised = noise_from_clean(x[which], clean, t[which]) if follows else noise(which, done)
             t[which] = torch.full_like(t[which], grids[which][done])
-            x[which] = interpolate(renoised, clean, t[which])
+            x[which] = interpolate(noised, clean, t[which])
     return x[0], x[1]
 
 
