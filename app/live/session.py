@@ -40,7 +40,7 @@ def merge_plans(
 ) -> GesturePlan:
     """Return the plan of ``num_frames`` frames of a session; its second 0 is ``first_frame``.
 
-    Each plan comes with the frame of the session from which they replace all earlier ones.
+    Each plan comes with the frame of the session from which it replaces all earlier ones.
     """
     events: dict[str, list[Any]] = {name: [] for name in PLAN_LISTS}
     for frame, ahead in plans:

@@ -89,7 +89,7 @@ class FaceModel:
     ) -> Float[Tensor, "B T E"]:
         """Sample windows of blendshapes.
 
-        ``seed`` is the normalised last frames of the windows before, None at the start of a clip;
+        ``seed`` has the normalised last frames of the windows before, None at the start of a clip;
         ``face_tracks`` are `model.plan.plan_features.FACE_TRACKS` of the same frames as the speech.
         """
         size = len(speech)
