@@ -110,7 +110,7 @@ def systems() -> dict[str, str]:
 
 
 def read_speech(speech: SpeechLike) -> Speech:
-    """Load speech as the input of the systems: 16 kHz, mono."""
+    """Load speech as the systems' input, 16 kHz mono; raises SpeechError if it cannot be used."""
     if isinstance(speech, Speech):
         return speech
     with TemporaryDirectory() as folder:

@@ -14,8 +14,13 @@ from tyro.conf import Positional, arg
 from app.errors import RunError
 from app.flags import Count, Names, family_files_annotation, parsed_type, set_family_files
 from app.run import tasks
-from app.run.batch import leaderboard
-from app.run.batch.leaderboard import merge_entries, read_leaderboard
+from app.run.batch.leaderboard import (
+    entries_from_results,
+    leaderboard_html,
+    merge_entries,
+    read_leaderboard,
+    write_leaderboard,
+)
 from app.run.callbacks import RunCallbacks
 from app.run.output.console import ProgressBars, print_message, print_path
 from app.run.output.run_folder import read_run
@@ -327,9 +332,9 @@ def leaderboard_add(
         note: Text to show next to the numbers.
     """
     old_entries = read_leaderboard(board) if board.exists() else []
-    new = [leaderboard.entries_from_results(folder, note, list(systems)) for folder in results]
+    new = [entries_from_results(folder, note, list(systems)) for folder in results]
     entries = merge_entries([old_entries, *new])
-    leaderboard.write_leaderboard(entries, board)
+    write_leaderboard(entries, board)
     print_message(
         f"Leaderboard entries: {len(entries)}, {len(entries) - len(old_entries)} of them new."
     )
@@ -347,7 +352,7 @@ def leaderboard_merge(
     Args:
         out: Leaderboard file to write.
     """
-    leaderboard.write_leaderboard(merge_entries(read_leaderboard(path) for path in boards), out)
+    write_leaderboard(merge_entries(read_leaderboard(path) for path in boards), out)
     print_path(out)
 
 
@@ -359,7 +364,7 @@ def leaderboard_page(board: Board, out: Path) -> None:
     """
     if out.suffix.lower() != ".html":
         raise RunError(f"{out.name} must end in .html.")
-    html = leaderboard.leaderboard_html(merge_entries([read_leaderboard(board)]))
+    html = leaderboard_html(merge_entries([read_leaderboard(board)]))
     write_atomically(out, html)
     print_path(out)
 

@@ -179,13 +179,13 @@ FGD, FGD_EMAGE = "fgd", "fgd_emage"
 """Keys of the distances of whole sets to the recorded one, by our encoder and by EMAGE's."""
 FGD_GENEA = {length: f"fgd_genea_{length}" for length in GENEA_LENGTHS}
 """Keys of those by GENEA's encoders, by the length of their pieces in frames."""
+FGD_ENCODERS = {FGD: "this project's encoder", FGD_EMAGE: "EMAGE's encoder"} | {
+    key: f"GENEA's encoder for {length}-frame windows" for length, key in FGD_GENEA.items()
+}
+"""Encoder of each FGD."""
 TITLES = {row.key: row.full_title for row in METRICS} | {
-    FGD: "Distribution: FGD to the recorded set (this project's encoder)",
-    FGD_EMAGE: "Distribution: FGD to the recorded set (EMAGE's encoder)",
-    **{
-        key: f"Distribution: FGD to the recorded set (GENEA's encoder for {length}-frame windows)"
-        for length, key in FGD_GENEA.items()
-    },
+    key: f"Distribution: FGD to the recorded set ({encoder})"
+    for key, encoder in FGD_ENCODERS.items()
 }
 _ABOUT = {row.key: row.description for row in METRICS}
 

@@ -7,8 +7,15 @@ from dataclasses import replace
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from app.findings import comparison, metric_table
-from app.findings.comparison import Table, format_two_digits, point_title
+from app.findings import metric_table
+from app.findings.comparison import (
+    Table,
+    format_means,
+    format_two_digits,
+    point_title,
+    sample_names_by_system,
+    values_by_metric,
+)
 from app.findings.metric_table import JERK, POWER_ABOVE_5_HZ, SEAMS
 from conventions.names import (
     FILTER_VERSIONS,
@@ -44,7 +51,7 @@ def figure_sentences(diagnostics: Diagnostics) -> dict[str, str]:
             name: metric_table.metric_values(each.version(kind), incomparable=apart.get(name, ()))
             for name, each in of_all.items()
         }
-        return comparison.values_by_metric([numbers])
+        return values_by_metric([numbers])
 
     tables: dict[FilterVersion, Table] = {kind: table(kind) for kind in FILTER_VERSIONS}
     unlike = {name for name, parts in apart.items() if parts & {"detail", "place"}}
@@ -65,7 +72,7 @@ def _raw_and_filtered(tables: Mapping[FilterVersion, Table], key: str, noun: str
     """Format one measure of all systems as generated and smoothed; empty if none was measured."""
     tables_by_noun = {noun: tables["raw"].get(key, {}), SMOOTHED: tables["savgol"].get(key, {})}
     return " ".join(
-        f"{start}: {comparison.format_means(values)}."
+        f"{start}: {format_means(values)}."
         for start, values in tables_by_noun.items()
         if values.keys() - {REFERENCE_NAME}
     )
@@ -74,7 +81,7 @@ def _raw_and_filtered(tables: Mapping[FilterVersion, Table], key: str, noun: str
 def _depth(of_all: Mapping[str, RawAndFiltered]) -> str:
     """Describe how jerk grows along the kinematic chain."""
     sentences = []
-    for system, samples in comparison.sample_names_by_system(of_all).items():
+    for system, samples in sample_names_by_system(of_all).items():
         positions = [of_all[name].raw.positions for name in samples.values()]
         root, tips = (
             sum(e.jerk_by_depth_m_s3[end] for e in positions) / len(positions) for end in (0, -1)
@@ -88,7 +95,7 @@ def _depth(of_all: Mapping[str, RawAndFiltered]) -> str:
 def _attribution(diagnostics: Diagnostics) -> str:
     """Name the joint of each system that reduces the point's jerk most when it is smoothed."""
     sentences, without = [], []
-    for system, samples in comparison.sample_names_by_system(diagnostics.systems).items():
+    for system, samples in sample_names_by_system(diagnostics.systems).items():
         shares: dict[str, list[float]] = {}
         for name in samples.values():
             attribution = diagnostics.systems[name].raw.point.tip_jerk_attribution
@@ -127,7 +134,7 @@ def _seams(diagnostics: Diagnostics, raw: Table) -> str:
     motions = join_names(names) if names else "none"
     return (
         f"Peak jerk at window seams (every {diagnostics.windows.advance} frames) divided by the "
-        f"peak jerk elsewhere: {comparison.format_means(values)}. Motions with jerk that "
+        f"peak jerk elsewhere: {format_means(values)}. Motions with jerk that "
         f"recurs significantly at the seams: {motions}."
     )
 

@@ -32,8 +32,17 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import Tracks, track_points, wrist_positions_in_chest_frame
 from model.networks.autoencoder import load_motion_encoder
-from model.plan import editing
-from model.plan.editing import GestureKey, gestures
+from model.plan.editing import (
+    GestureKey,
+    add_gesture,
+    change_hands,
+    delete_gesture,
+    gestures,
+    move_gesture,
+    raise_gesture,
+    scale_gesture,
+    set_hold,
+)
 from model.plan.files import read_corpus_plan
 from model.plan.kinds import REST_POSITION, USUAL_STROKE_GOALS
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, PlanResult, Side
@@ -161,7 +170,7 @@ def random_edit(
                 kind = str(rng.choice(list(USUAL_STROKE_GOALS)))
                 at_s = round(float(rng.uniform(1.0, plan.duration_s - 1.0)), 3)
                 gesture = GestureKey(SIDES[rng.integers(2)], at_s)
-                edited = editing.add_gesture(plan, kind, at_s, gesture.side)
+                edited = add_gesture(plan, kind, at_s, gesture.side)
         except PlanError:
             continue
         return edited, gesture
@@ -174,17 +183,17 @@ def _changed(
     by = float(rng.uniform(0.2, 1.5))
     if name == "move":
         to_s = round(old.stroke_end_s + float(rng.uniform(-1.5, 1.5)), 3)
-        return editing.move_gesture(plan, old, to_s), GestureKey(old.side, to_s)
+        return move_gesture(plan, old, to_s), GestureKey(old.side, to_s)
     if name == "delete":
-        return editing.delete_gesture(plan, old), None
+        return delete_gesture(plan, old), None
     if name == "hand":
         other = SIDES[1 - SIDES.index(old.side)]
-        return editing.change_hands(plan, old, other), GestureKey(other, old.stroke_end_s)
+        return change_hands(plan, old, other), GestureKey(other, old.stroke_end_s)
     if name == "hold":
-        return editing.set_hold(plan, old, by), old
+        return set_hold(plan, old, by), old
     if name == "size":
-        return editing.scale_gesture(plan, old, 0.5 + by), old
-    return editing.raise_gesture(plan, old, 0.2 * (by - 0.85)), old
+        return scale_gesture(plan, old, 0.5 + by), old
+    return raise_gesture(plan, old, 0.2 * (by - 0.85)), old
 
 
 Scores = defaultdict[str, list[float]]
@@ -262,9 +271,9 @@ def generate_and_score(
     inside = [g for g in there if 1 < g.stroke_end_s < plan.duration_s - 1]
     for k in rng.permutation(len(inside))[: max(1, num_edits // 4)]:
         gesture = inside[k]
-        larger = _varied(plan, gesture, SIZES, editing.scale_gesture, again)
+        larger = _varied(plan, gesture, SIZES, scale_gesture, again)
         scores["sizes in order"] += _pairwise_order([gesture_size(one, gesture) for one in larger])
-        higher = _varied(plan, gesture, HEIGHTS_M, editing.raise_gesture, again)
+        higher = _varied(plan, gesture, HEIGHTS_M, raise_gesture, again)
         scores["heights in order"] += _pairwise_order(
             [_lands_at(one, gesture)[1] for one in higher]
         )

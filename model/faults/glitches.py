@@ -12,8 +12,14 @@ from jaxtyping import Float
 from conventions.joints import JOINT_NAMES, UPPER_BODY
 from conventions.names import join_names
 from conventions.rates import FPS
-from model.faults import analysis
-from model.faults.analysis import BODY, UPPER_AND_HANDS, AnalysedMotion, Finding, format_time
+from model.faults.analysis import (
+    BODY,
+    UPPER_AND_HANDS,
+    AnalysedMotion,
+    Finding,
+    format_time,
+    longest_true_ranges,
+)
 from model.metrics.face import correlation
 from model.motion.tracks import point_label
 
@@ -145,7 +151,7 @@ def duplicate_frames(analysed: AnalysedMotion) -> Iterator[Finding]:
         "recorded clips: none",
         limit_ratio=len(frames) / MIN_DUPLICATES,
         worst_frame=int(frames[0]),
-        frame_ranges=analysis.longest_true_ranges(np.concatenate([[False], is_copy])),
+        frame_ranges=longest_true_ranges(np.concatenate([[False], is_copy])),
     )
 
 

@@ -42,8 +42,17 @@ from model.formats.parameters import (
 from model.formats.reading import Assumption, Confidence, Part
 from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_num_frames, read_basis
 from model.motion.runs import true_runs
-from model.storage import npz
-from model.storage.npz import MAX_ABS_VALUE, MAX_FILE_BYTES, Header, MotionError, read_array
+from model.storage.npz import (
+    MAX_ABS_VALUE,
+    MAX_FILE_BYTES,
+    Header,
+    MotionError,
+    check_size,
+    open_archive,
+    read_array,
+    read_headers,
+    read_npy_file,
+)
 
 _BEAT2 = {"poses", "trans", "expressions", "betas", "mocap_frame_rate"}
 _DIFFSHEG = tuple(
@@ -180,7 +189,7 @@ _IN_A_FOLDER = (
 
 def read_npz(path: Path, overrides: dict[str, str]) -> MotionDraft:
     """Read a BEAT2 npz, or a variant that can be converted; raises MotionError for all else."""
-    with npz.open_archive(path) as archive:
+    with open_archive(path) as archive:
         return _Archive(archive, path.name, overrides).read()
 
 
@@ -196,17 +205,17 @@ def _read_parameter_files(
     with zipfile.ZipFile(content, "w") as archive:
         for part, file in files.items():
             archive.writestr(f"{part}.npy", file.read_bytes())
-    with npz.open_archive(next(iter(files.values())), content) as archive:
+    with open_archive(next(iter(files.values())), content) as archive:
         return _Archive(archive, name, overrides).read()
 
 
 def read_npy(path: Path, overrides: dict[str, str]) -> MotionDraft:
     """Read a motion from one array, or a file for each parameter; raises MotionError."""
-    npz.check_size(path)
+    check_size(path)
     if files := parameter_files(path):
         return _read_parameter_files(files, path.name, overrides)
     try:
-        array = npz.read_npy_file(path)
+        array = read_npy_file(path)
     except OSError as error:
         raise MotionError(f"{path.name} could not be read: {error.strerror or error}.") from error
     if array is not None and array.dtype.kind in "fiub" and array.ndim < 2:
@@ -411,7 +420,7 @@ class _Archive:
     """Number of rows of each parameter that is read."""
 
     def read(self) -> MotionDraft:
-        self.headers = npz.read_headers(self.archive, self.name, allow_objects=True)
+        self.headers = read_headers(self.archive, self.name, allow_objects=True)
         chosen = self._choose()
         draft = self._poses(chosen)
         if self.motion_choice is not None:

@@ -152,7 +152,7 @@ class BendAngles(NamedTuple):
     flexion: Float64[np.ndarray, " T"]
     """Positive inwards."""
     sideways: Float64[np.ndarray, " T"]
-    """From -90 to 90."""
+    """Bend to the side, from -90 to 90."""
     whole: Float64[np.ndarray, " T"]
 
 

@@ -19,9 +19,16 @@ from torch import Tensor
 from conventions.joints import NUM_JOINTS
 from conventions.rates import FPS
 from model.motion.rotations import matrix_from_axis_angle
-from model.storage import npz
 from model.storage.files import written_atomically
-from model.storage.npz import MAX_ABS_VALUE, Header, MotionError, format_names
+from model.storage.npz import (
+    MAX_ABS_VALUE,
+    Header,
+    MotionError,
+    format_names,
+    open_archive,
+    read_array,
+    read_headers,
+)
 
 ExpressionBasis = Literal["flame100", "arkit52"]
 
@@ -130,7 +137,10 @@ def remove_lag(motion: Motion, lag_s: float) -> Motion:
 
 
 def save_motion(motion: Motion, path: str | Path, **texts: str) -> None:
-    """Write BEAT2's npz with ``expression_basis`` and ``texts``, ignored by readers, atomically."""
+    """Write BEAT2's npz atomically, with ``expression_basis`` and ``texts``; raises WriteError.
+
+    Other readers ignore these two.
+    """
     further: dict[str, Any] = {key: np.array(text) for key, text in texts.items()}
     with written_atomically(path) as temporary, open(temporary, "wb") as file:
         np.savez_compressed(
@@ -150,8 +160,8 @@ def save_motion(motion: Motion, path: str | Path, **texts: str) -> None:
 def load_motion(path: str | Path) -> Motion:
     """Load a BEAT2 npz, as flame100 without ``expression_basis``; raises MotionError."""
     name = Path(path).name
-    with npz.open_archive(Path(path)) as archive:
-        headers = npz.read_headers(archive, name)
+    with open_archive(Path(path)) as archive:
+        headers = read_headers(archive, name)
         missing = [key for key in _REQUIRED if key not in headers]
         if missing:
             raise MotionError(
@@ -161,7 +171,7 @@ def load_motion(path: str | Path) -> Motion:
             )
         check_num_frames((headers["poses"][0] or (0,))[0], name)
         basis = read_basis(archive, headers, name)
-        arrays = {key: npz.read_array(archive, key) for key in _REQUIRED}
+        arrays = {key: read_array(archive, key) for key in _REQUIRED}
     for key, array in arrays.items():
         if array.dtype.kind not in "fiu":
             raise MotionError(f"{name}: `{key}` must hold numbers; it holds {array.dtype}.")
@@ -208,7 +218,7 @@ def read_basis(archive: zipfile.ZipFile, headers: dict[str, Header], name: str) 
     shape, dtype = headers["expression_basis"]
     if math.prod(shape) != 1 or dtype.kind != "U":
         raise MotionError(f"{name}: `expression_basis` must be a single string.")
-    basis = str(npz.read_array(archive, "expression_basis").reshape(-1)[0])
+    basis = str(read_array(archive, "expression_basis").reshape(-1)[0])
     if basis not in get_args(ExpressionBasis):
         raise MotionError(
             f"{name} has the expression basis '{basis[:40]}'; flame100 and arkit52 are known."

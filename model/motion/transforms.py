@@ -13,10 +13,15 @@ from conventions.joints import FACE, NUM_JOINTS
 from conventions.names import PostFilter
 from conventions.rates import FPS
 from conventions.views import CUTOFF_HZ, MAX_EXAGGERATED_RAD
-from model.motion import rotations
 from model.motion.kinematics import global_from_local, local_from_global
 from model.motion.motion import Motion
-from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
+from model.motion.rotations import (
+    axis_angle_from_matrix,
+    interpolate_rotations,
+    matrix_from_axis_angle,
+    matrix_from_rot6d,
+    rot6d_from_matrix,
+)
 
 
 class NoisyMotions(NamedTuple):
@@ -63,7 +68,7 @@ def change_motion_speed(motion: Motion, speed: float) -> Motion:
     after = np.minimum(before + 1, motion.num_frames - 1)
     weight = (time - before).astype(np.float32)
     rotmat = motion.local_rotations()
-    at_time = rotations.interpolate_rotations(
+    at_time = interpolate_rotations(
         rotmat[before], rotmat[after], torch.from_numpy(weight)[:, None]
     )
 
@@ -114,8 +119,8 @@ def exaggerate_tremor(
 def _below_cutoff(
     rotmat: Float[torch.Tensor, "T 3 3"], cutoff_hz: float | int
 ) -> Float[torch.Tensor, "T 3 3"]:
-    rows = low_pass(rotations.rot6d_from_matrix(rotmat).numpy(), cutoff_hz)
-    return rotations.matrix_from_rot6d(torch.from_numpy(rows))
+    rows = low_pass(rot6d_from_matrix(rotmat).numpy(), cutoff_hz)
+    return matrix_from_rot6d(torch.from_numpy(rows))
 
 
 def low_pass(
@@ -147,8 +152,8 @@ def smooth_over_time(
 
 def smooth_rotations(rotmat: Float[Tensor, "T *joints 3 3"]) -> Float[Tensor, "T *joints 3 3"]:
     """Smooth rotations in row-6D form over time, and orthogonalise the result."""
-    smooth = smooth_over_time(rotations.rot6d_from_matrix(rotmat).numpy())
-    return rotations.matrix_from_rot6d(torch.from_numpy(smooth))
+    smooth = smooth_over_time(rot6d_from_matrix(rotmat).numpy())
+    return matrix_from_rot6d(torch.from_numpy(smooth))
 
 
 def apply_post_filter(motion: Motion, post_filter: PostFilter) -> Motion:

@@ -226,7 +226,7 @@ class StyleChange:
     factors: Mapping[str, float] = field(default_factory=dict)
     """Factors of the plan's values by name; heights have none, as their zero is the chest."""
     arousal: float = 0.0
-    """From -1 (calm) to 1 (excited); key ``excite`` of style files."""
+    """Arousal of the gestures, from -1 (calm) to 1 (excited); key ``excite`` of style files."""
     is_misaligned: bool = False
     """True to move strokes to other words; key ``wrong_words`` of style files."""
 
@@ -361,10 +361,8 @@ class LiveStyle:
 
     def adjust_goal(self, phase: HandPhase) -> HandPhase:
         """Scale and raise the goal of a gesture's phase."""
-        if phase.phase in ("rest", "retraction") or (self.size_factor, self.height_offset_m) == (
-            1.0,
-            0.0,
-        ):
+        is_unchanged = self.size_factor == 1.0 and self.height_offset_m == 0.0
+        if is_unchanged or phase.phase in ("rest", "retraction"):
             return phase
         out, up, forward = (
             r + self.size_factor * (g - r) for g, r in zip(phase.goal, REST_POSITION, strict=True)

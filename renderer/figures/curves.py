@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from conventions.rates import FPS
 from renderer.figures import style
-from renderer.figures.style import FigureError
+from renderer.figures.errors import FigureError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from renderer.figures.errors import FigureError
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
@@ -20,10 +22,6 @@ MARGIN_PT = 72.0 / 25.4
 """Empty margin around a figure (pt), a millimetre."""
 X_PAD_PT, Y_PAD_PT = 2.16, 1.44
 """Padding beside, and above and below, axes, titles and legends (pt)."""
-
-
-class FigureError(ValueError):
-    """Error for a figure that cannot be made from its input; the message says why."""
 
 
 def lay_out(figure: "Figure") -> None:
@@ -67,8 +65,8 @@ def _cells(axes: "Sequence[Axes]", box: "Bbox", x_pad: float, y_pad: float) -> "
     if not specs:
         return []
     grid = specs[0].get_gridspec()
+    # Room for labels before and after each column and row.
     columns, rows = (np.zeros((2, count)) for count in reversed(grid.get_geometry()))
-    """Room for labels before and after each column and row."""
     for each, spec in zip(axes, specs, strict=True):
         part, whole = each.get_figure(), each.get_tightbbox(for_layout_only=True)
         assert part is not None and whole is not None

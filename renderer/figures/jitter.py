@@ -17,7 +17,8 @@ from jaxtyping import Float
 from conventions.joints import JOINT_NAMES
 from conventions.names import FILTER_VERSIONS, REFERENCE_NAME, FilterVersion
 from renderer.figures import style
-from renderer.figures.style import MAX_SYSTEMS, FigureError, SeriesStyle
+from renderer.figures.errors import FigureError
+from renderer.figures.style import MAX_SYSTEMS, SeriesStyle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

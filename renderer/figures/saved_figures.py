@@ -16,10 +16,11 @@ from jaxtyping import Shaped
 
 from renderer.figures import curves
 from renderer.figures.curves import SpeechEffectRow
+from renderer.figures.errors import FigureError
 from renderer.figures.figure6.contents import Figure6, JointMarks
 from renderer.figures.figure6.layout import draw_figure6
 from renderer.figures.jitter import Jitter, JitterSheet, draw_jitter_sheet
-from renderer.figures.style import FigureError, save_figure
+from renderer.figures.style import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -25,7 +25,6 @@ import numpy as np
 
 from conventions.colors import REFERENCE_COLOR, SYSTEM_COLORS, colors_of
 from conventions.names import printable
-from renderer.figures.grid_layout import FigureError as FigureError
 from renderer.figures.grid_layout import lay_out
 
 if TYPE_CHECKING:

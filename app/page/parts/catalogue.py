@@ -12,8 +12,15 @@ from app.findings.comparison import point_title
 from conventions.joints import FINGERTIP_VERTICES, JOINT_NAMES
 from conventions.names import short_names
 from model.storage.cards import WeightsCard
-from model.systems import registry
-from model.systems.registry import families, family_of
+from model.systems.registry import (
+    families,
+    family_of,
+    list_systems,
+    planning_systems,
+    read_card,
+    representatives,
+    shared_speakers,
+)
 
 MAX_DEFAULT_SYSTEMS = 3
 
@@ -52,7 +59,7 @@ def labels_by_group(systems: Sequence[str]) -> dict[str, list[str]]:
     ablations = [family.ablation for family in families() if family.ablation is not None]
     steps = {step.system for ablation in ablations for step in ablation.steps}
     own = {
-        *registry.planning_systems(),
+        *planning_systems(),
         *(each.system for ablation in ablations for each in ablation.extra),
     }
     groups: dict[str, list[str]] = {}
@@ -67,17 +74,17 @@ def read_catalogue(weights: Path, examples: tuple[Path, ...] = ()) -> Catalogue:
 
     Raises RunError if there is no system in it, CheckpointError if a card cannot be read.
     """
-    names = registry.list_systems(weights)
+    names = list_systems(weights)
     if not names:
         raise RunError(
             f"No trained systems were found in {weights}; choose another folder with --weights DIR."
         )
-    cards = [registry.read_card(name, weights) for name in names]
+    cards = [read_card(name, weights) for name in names]
     samplers = [sampler for name in names for sampler in family_of(name).samplers_of(name)]
     usual = [_usual_steps(name) for name in names]
     return Catalogue(
         names,
-        registry.shared_speakers(weights),
+        shared_speakers(weights),
         _trained_on(cards),
         examples,
         tuple(dict.fromkeys(sampler.name for sampler in samplers)),
@@ -119,7 +126,7 @@ def _trained_on(cards: list[WeightsCard]) -> str:
 
 def default_systems(systems: Sequence[str]) -> list[str]:
     """Return the systems that are ticked by default, at most three, the usual ones first."""
-    usual = [name for name in registry.representatives("motion") if name in systems]
+    usual = [name for name in representatives("motion") if name in systems]
     chosen = [*dict.fromkeys((*usual, *systems))][:MAX_DEFAULT_SYSTEMS]
     return [name for name in systems if name in chosen]
 

@@ -12,8 +12,13 @@ from urllib.parse import quote
 
 from app import text
 from app.errors import without_cli_options, without_folders
-from app.findings import comparison, metric_table
-from app.findings.comparison import format_two_digits, point_title
+from app.findings import metric_table
+from app.findings.comparison import (
+    format_finding_kinds,
+    format_two_digits,
+    point_title,
+    values_by_metric,
+)
 from app.findings.metric_table import FGD, JERK, METRICS, TITLES, Metric, Numbers
 from app.findings.verdict import make_verdict
 from app.page.parts import markup
@@ -291,9 +296,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     first = next(iter(runs.values()))
     measured = [run.metrics for run in runs.values()]
     verdict = make_verdict(first.tracked_point, measured)
-    raw = comparison.values_by_metric(
-        {name: of["raw"] for name, of in clip.items()} for clip in measured
-    )
+    raw = values_by_metric({name: of["raw"] for name, of in clip.items()} for clip in measured)
     jerk = raw.get(JERK, {})
     means = {name: mean_with_interval(list(of.values())) for name, of in jerk.items()}
     above = ""
@@ -354,7 +357,7 @@ def sets_html(summary: Mapping[str, Any], systems: Sequence[str], figure: str, l
 def clip_choices(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return label and name of every clip, the worst first."""
     worst: dict[str, str] = {
-        each["clip"]: f"{each['clip']}: {comparison.format_finding_kinds(each['kinds'])}"
+        each["clip"]: f"{each['clip']}: {format_finding_kinds(each['kinds'])}"
         for each in summary["worst"]
     }
     clips: list[str] = summary["clips"]
@@ -367,7 +370,7 @@ def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
     unit = next(row.unit for row in METRICS if row.key == JERK)
     items = [
         f"<li><b>{escape(each['clip'])}</b><span>{escape(each['system'])}: "
-        f"{escape(comparison.format_finding_kinds(each['kinds']))}; jerk "
+        f"{escape(format_finding_kinds(each['kinds']))}; jerk "
         f"{metric_table.format_three_digits(each['jerk'])} {unit}</span></li>"
         for each in worst
     ]

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from app.errors import RunError
-from app.findings.metric_table import FGD, FGD_EMAGE, FGD_GENEA, TITLES
+from app.findings.metric_table import FGD, FGD_EMAGE, FGD_ENCODERS, FGD_GENEA
 from app.run.batch.published_metrics import DRAWS, PLAIN, apply_variation, interval_rows
 from app.run.requests.parts import MetricOptions
 from conventions.names import REFERENCE_NAME
@@ -182,8 +182,7 @@ def distance_rows(
         count, least = sum(length for length, _ in shapes), min_num_codes(shapes[0][1])
         if count < least:
             counts = {"codes": count, "frames": judge.frames_per_code, "least": least}
-            encoder = TITLES[judge.metric].rpartition(" (")[2].rstrip(")")
-            notes.append(LEFT_OUT.format(encoder=encoder, **counts))
+            notes.append(LEFT_OUT.format(encoder=FGD_ENCODERS[judge.metric], **counts))
             continue
         measured = [record for record, (length, _) in zip(records, shapes, strict=True) if length]
         rows += _rows(judge, systems, len(measured), partial(_codes_of, number, measured))

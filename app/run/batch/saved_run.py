@@ -11,8 +11,18 @@ from app.errors import RunError
 from app.run.batch.archives import UnpackBudget, is_archive, unpack_archive
 from app.run.batch.speech_batch import clip_requests, run_batch
 from app.run.callbacks import RunCallbacks
-from app.run.output import run_folder
-from app.run.output.run_folder import MAX_RUN_BYTES, NO_RUN, READABLE_TABLES, RUN, find_runs
+from app.run.output.run_folder import (
+    MAX_RUN_BYTES,
+    NO_RUN,
+    READABLE_TABLES,
+    RUN,
+    existing_file,
+    files_of_run,
+    find_runs,
+    is_run_zip,
+    read_run,
+    row_files,
+)
 from app.run.output.viewer_files import check_and_complete_viewer_files
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import MAX_CLIPS, MAX_COMPARED
@@ -63,7 +73,7 @@ def run_page_request(request: AnyRun, callbacks: RunCallbacks) -> None:
 
 def is_saved_run_zip(motions: Sequence[Path]) -> bool:
     """Check whether the motions are a single zip of a run, or of those of several clips."""
-    return len(motions) == 1 and run_folder.is_run_zip(motions[0])
+    return len(motions) == 1 and is_run_zip(motions[0])
 
 
 def reopen_requests(request: DiagnoseRequest, into: Path) -> dict[str, DiagnoseRequest]:
@@ -82,13 +92,13 @@ def reopen_requests(request: DiagnoseRequest, into: Path) -> dict[str, DiagnoseR
 
 def _of_run(request: DiagnoseRequest, folder: Path) -> DiagnoseRequest:
     """Return the request for as many motions of a run as fit, with its speech, words and plans."""
-    record, name = run_folder.read_run(folder), printable(request.motions.motions[0].name)
-    motions = run_folder.row_files(folder, "motion")
+    record, name = read_run(folder), printable(request.motions.motions[0].name)
+    motions = row_files(folder, "motion")
     others = [each for each in motions if each != REFERENCE_NAME]
     if not others:
         raise RunError(NO_RUN.format(name=name, why="it has no motion"))
     shown = others[: MAX_COMPARED - (REFERENCE_NAME in motions)]
-    speech = run_folder.existing_file(folder, record.audio) if record.speech_sha256 else None
+    speech = existing_file(folder, record.audio) if record.speech_sha256 else None
     return replace_fields(
         request,
         motions=tuple(motions[each] for each in shown),
@@ -122,7 +132,7 @@ def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackB
     unpack_archive(path, into, (RUN_ENDING,), replace(limits, max_total_bytes=most), _is_run)
     names: set[str] = set()
     for run in into.rglob(RUN):
-        below, record = run.parent.relative_to(into), run_folder.read_run(run.parent)
+        below, record = run.parent.relative_to(into), read_run(run.parent)
         of_rows = [name for row in record.rows for name in row.files.values()]
         own = filter(None, (*record.all_files, *of_rows, record.audio, record.timeline))
         names.update((below / name).as_posix() for name in own if name != RUN)
@@ -139,7 +149,7 @@ def _is_run(path: str) -> bool:
 def copy_run(path: Path, into: Path) -> Path:
     """Copy a run of the page's owner, or its zip, to a new folder; raises RunError if damaged."""
     folder = open_run_folder(path, into / "unpacked", ALL_ENDINGS, UnpackBudget())
-    for file in run_folder.files_of_run(folder):
+    for file in files_of_run(folder):
         copy = into / "results" / file.relative_to(folder)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, copy)

@@ -26,9 +26,14 @@ from model.evaluation.classifiers import arm_speaker_effect, calm_and_lively_wri
 from model.formats.read import read_any_motion
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
-from model.metrics import speech_effect
 from model.metrics.protocols.table import WORKBENCH
-from model.metrics.speech_effect import arm_rotation_correlation_same_noise, speech_and_noise_shares
+from model.metrics.speech_effect import (
+    Grid,
+    SharedInputCorrelations,
+    arm_angular_speed_sum_deg_s,
+    arm_rotation_correlation_same_noise,
+    speech_and_noise_shares,
+)
 from model.motion.motion import Motion, load_motion, save_motion
 from model.speech.audio import Speech
 from processes.job import Job
@@ -48,10 +53,10 @@ _COLUMNS = (
 class _SystemMotions:
     """Motions of one system, by speech and seed."""
 
-    by_speech: speech_effect.Grid
+    by_speech: Grid
     guidance: float | None = None
     """Guidance scale of the speech; None if it is not known."""
-    by_speaker: speech_effect.Grid = field(default_factory=dict)
+    by_speaker: Grid = field(default_factory=dict)
     """Motions for the first speech, by speaker and seed."""
 
 
@@ -150,7 +155,7 @@ def _generate_grids(
     for error in failed.values():
         raise error
 
-    def grid(paths: Mapping[tuple[str, int], Path]) -> speech_effect.Grid:
+    def grid(paths: Mapping[tuple[str, int], Path]) -> Grid:
         return {key: load_motion(path) for key, path in paths.items()}
 
     return {
@@ -167,7 +172,7 @@ def _generate_to(
     save_motion(motion, path)
 
 
-def _read_grids(folder: Path) -> dict[str, speech_effect.Grid]:
+def _read_grids(folder: Path) -> dict[str, Grid]:
     """Read the motions of a folder, by the system, speech and seed in their file names."""
     grids: dict[str, dict[tuple[str, int], Motion]] = {}
     for path in sorted(path for path in folder.glob("*.npz") if not path.name.startswith(".")):
@@ -190,7 +195,7 @@ def _effect_numbers(
 ) -> dict[str, Any]:
     """Return the content of ``speech_effect.json`` for one system."""
 
-    def shares(shares_of_motion: speech_effect.SharedInputCorrelations) -> dict[str, float]:
+    def shares(shares_of_motion: SharedInputCorrelations) -> dict[str, float]:
         return {column: getattr(shares_of_motion, column) for column in _COLUMNS}
 
     try:
@@ -264,7 +269,7 @@ def _draw_speech_effect(
         SpeechEffectRow(
             system,
             {
-                key: speech_effect.arm_angular_speed_sum_deg_s(motion)
+                key: arm_angular_speed_sum_deg_s(motion)
                 for key, motion in of_system[system].by_speech.items()
             },
             {

@@ -198,7 +198,10 @@ def parse_field(kind: type, name: str, value: object) -> Any:
 
 
 def refuse_ignored(request: object, names: Sequence[str], why: str, **accepted: Any) -> None:
-    """Refuse fields, set to other than default or accepted values, that a command would ignore."""
+    """Raise RunError if a command would ignore fields that have neither default nor accepted value.
+
+    The message names their flags.
+    """
     ignored = []
     for name in names:
         field = request_field(type(request), name)

@@ -62,7 +62,7 @@ def read_all_clip_inputs(plan: StudyPlan) -> tuple[ClipInputs, ...]:
 
 
 def read_clip_inputs(plan: StudyPlan, clip: Clip) -> ClipInputs:
-    """Read the speech, motion and plan files of one clip, see `read_all_clip_inputs`."""
+    """Read speech, motion and plan of one clip; raises RunError, SpeechError or MotionError."""
     files: dict[str, str] = {}
     speech = None
     lengths: dict[str, int] = {}

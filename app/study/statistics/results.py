@@ -14,10 +14,15 @@ import pandas as pd
 
 from app.errors import RunError
 from app.study.design.key import Question, StudyKey
-from app.study.statistics import proportions
 from app.study.statistics.answers import Participant
 from app.study.statistics.models import Level, alpha_estimate, mean_estimates, strength_estimates
-from app.study.statistics.proportions import ALPHA, ResultEstimate, proportion_estimates
+from app.study.statistics.proportions import (
+    ALPHA,
+    ResultEstimate,
+    detectable_share,
+    proportion_estimates,
+    with_holm,
+)
 from app.study.statistics.votes import (
     MISMATCHED,
     first_place_votes,
@@ -113,7 +118,7 @@ def _result(
     else:
         for pair in pairs:
             estimates += proportion_estimates("share", votes_between(votes, *pair), *pair)
-    estimates = proportions.with_holm(estimates)
+    estimates = with_holm(estimates)
     num_compared = sum(number.p is not None for number in estimates)
     if not is_matched and not is_rating:
         for name in systems:
@@ -140,7 +145,7 @@ def _result(
     units = judged.drop_duplicates([*things, "rater"]).groupby(things).value.apply(list)
     num_raters = (values if is_rating else votes).rater.nunique()
     estimates.append(alpha_estimate(units, level))
-    alone = proportions.detectable_share(num_raters)
+    alone = detectable_share(num_raters)
     estimates.append(ResultEstimate("detectable_share_of_participants", value=alone))
     if jerk_by_video and not is_matched and not is_rating:
         estimates += smoother_chosen_estimates(votes, jerk_by_video)
@@ -157,9 +162,7 @@ def _result(
         num_raters=num_raters,
         num_complete_raters=num_of_means,
         num_comparisons=comparisons,
-        detectable_share_after_holm=proportions.detectable_share(
-            num_raters, ALPHA / max(1, comparisons)
-        ),
+        detectable_share_after_holm=detectable_share(num_raters, ALPHA / max(1, comparisons)),
     )
 
 

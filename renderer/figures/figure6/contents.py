@@ -9,7 +9,8 @@ from jaxtyping import Float
 from scipy.signal import butter, sosfiltfilt
 
 from conventions.names import PostFilter
-from renderer.figures.style import MAX_SYSTEMS, PAGE_MM, FigureError, SeriesStyle, series_styles
+from renderer.figures.errors import FigureError
+from renderer.figures.style import MAX_SYSTEMS, PAGE_MM, SeriesStyle, series_styles
 
 CUT_OFF_HZ, ORDER = 5.0, 4
 MIN_FRAMES = 32

@@ -14,7 +14,8 @@ from renderer.figures.curves import (
     draw_noise_shift_along_chain,
     draw_sampling_step_sweep,
 )
-from renderer.figures.style import FigureError, matplotlib_settings, save_figure
+from renderer.figures.errors import FigureError
+from renderer.figures.style import matplotlib_settings, save_figure
 from tests.helpers import ROOT
 from tests.renderer.figures.figure_checks import check_apart, drawn_texts
 

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from renderer.body.body import BodyMotion, load_body
+from renderer.figures.errors import FigureError
 from renderer.figures.figure6.contents import (
     MIN_FRAMES,
     ONE_SEED_CAVEAT,
@@ -26,7 +27,6 @@ from renderer.figures.style import (
     COLUMN_MM,
     MAX_HEIGHT_MM,
     PAGE_MM,
-    FigureError,
     matplotlib_settings,
     save_figure,
 )

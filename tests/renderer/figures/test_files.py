@@ -17,6 +17,7 @@ from PIL import Image
 from conventions.colors import SYSTEM_COLORS
 from renderer.figures import style
 from renderer.figures.curves import SpeechEffectRow
+from renderer.figures.errors import FigureError
 from renderer.figures.figure6.contents import Figure6
 from renderer.figures.saved_figures import (
     _RENAMED,
@@ -26,7 +27,6 @@ from renderer.figures.saved_figures import (
 )
 from renderer.figures.style import (
     FIGURE_FORMATS,
-    FigureError,
     matplotlib_settings,
     save_figure,
     series_styles,

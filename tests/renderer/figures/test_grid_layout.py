@@ -7,7 +7,8 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from renderer.figures.grid_layout import X_PAD_PT, Y_PAD_PT, FigureError, lay_out
+from renderer.figures.errors import FigureError
+from renderer.figures.grid_layout import X_PAD_PT, Y_PAD_PT, lay_out
 from renderer.figures.style import MM, matplotlib_settings
 
 SOLVER_MARGIN = (MM / 4.0, MM / 5.0, 1.0 - 2.0 * MM / 4.0, 1.0 - 2.0 * MM / 5.0)

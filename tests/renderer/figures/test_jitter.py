@@ -10,6 +10,7 @@ import pytest
 
 from conventions.joints import JOINT_DEPTH, JOINT_INDEX
 from conventions.names import FILTER_VERSIONS, FilterVersion
+from renderer.figures.errors import FigureError
 from renderer.figures.jitter import (
     NO_DATA,
     NO_PERIOD,
@@ -19,7 +20,7 @@ from renderer.figures.jitter import (
     draw_jitter_sheet,
     jitter_sheet_caption,
 )
-from renderer.figures.style import FigureError, matplotlib_settings
+from renderer.figures.style import matplotlib_settings
 from tests.renderer.figures.figure_checks import NAMES, ODD_NAMES, check_apart, drawn_texts
 
 CHAIN = (

@@ -9,8 +9,15 @@ from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.two_bone_ik import HingedLimb
 from model.plan.plan import FootContact, Leg, Side, Stance
-from tools.corpus.body import signals
-from tools.corpus.body.signals import minimum_jerk
+from tools.corpus.body.signals import (
+    bump,
+    frame_times,
+    low_pass,
+    minimum_jerk,
+    smooth_line,
+    smooth_noise,
+    sway,
+)
 from tools.corpus.body.trunk import CALMER, Trunk
 from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, euler_matrices
 from tools.corpus.people.speaker import Speaker
@@ -52,14 +59,14 @@ def move_legs(
     num_frames = len(pelvis)
     feet = _footsteps(calm, speaker, rng)
     left_over = 1.0 - CALMER * calm
-    middle = signals.low_pass(0.5 * (feet.place["left"] + feet.place["right"]), 0.12)
-    floating = signals.sway(rng, num_frames, 0.015 * speaker.sway, 3) * [1, 0, 1]
-    floating += signals.smooth_noise(rng, num_frames, 0.004 * speaker.sway, 0.25, 3) * [1, 0, 1]
+    middle = low_pass(0.5 * (feet.place["left"] + feet.place["right"]), 0.12)
+    floating = sway(rng, num_frames, 0.015 * speaker.sway, 3) * [1, 0, 1]
+    floating += smooth_noise(rng, num_frames, 0.004 * speaker.sway, 0.25, 3) * [1, 0, 1]
     floating *= left_over[:, None]
     at = middle + feet.shift + floating
     # Knees bend on accents.
     bend_deg = STANDING_BEND_DEG + 3.0 * speaker.energy * np.clip(trunk.accent, 0, 1.5)
-    bend_deg += left_over * np.abs(signals.smooth_line(rng, num_frames, 2.0 * speaker.sway, 0.4))
+    bend_deg += left_over * np.abs(smooth_line(rng, num_frames, 2.0 * speaker.sway, 0.4))
 
     limbs = {side: _leg(rig, side) for side in SIDES}
     hips, ankles, heights = {}, {}, []
@@ -111,7 +118,7 @@ class _Feet:
 def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.Generator) -> _Feet:
     """Draw positions, lifts and yaws of the feet, and weight shifts; no steps while ``calm``."""
     num_frames = len(calm)
-    time_s = signals.frame_times(num_frames)
+    time_s = frame_times(num_frames)
     place, yaw, lift = {}, {}, {}
     for side in SIDES:
         sign = SIDE_SIGN[side]
@@ -144,8 +151,8 @@ def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.G
                 phase = (time_s - at_s - delay) / STEP_S
                 place[side] += stride * minimum_jerk(phase)[:, None]
                 yaw[side] += turn * minimum_jerk(phase)
-                lift[side] += signals.bump(phase) * rng.uniform(0.025, 0.045)
-                unload = signals.bump((time_s - at_s - delay + 0.2) / 0.8)
+                lift[side] += bump(phase) * rng.uniform(0.025, 0.045)
+                unload = bump((time_s - at_s - delay + 0.2) / 0.8)
                 shift[:, 0] -= 0.03 * SIDE_SIGN[side] * unload
             centre = goal
             at_s += 1.3

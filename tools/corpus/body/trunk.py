@@ -8,8 +8,14 @@ from jaxtyping import Float
 
 from conventions.joints import JOINT_INDEX
 from model.plan.plan import Gaze, Nod
-from tools.corpus.body import signals
-from tools.corpus.body.signals import gaussian_bump, low_pass, minimum_jerk, smooth_line, sway_line
+from tools.corpus.body.signals import (
+    frame_times,
+    gaussian_bump,
+    low_pass,
+    minimum_jerk,
+    smooth_line,
+    sway_line,
+)
 from tools.corpus.people.rig import euler_matrices
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.prosody import Utterance
@@ -43,7 +49,7 @@ def move_trunk(
 ) -> Trunk:
     """Animate the trunk by hands and accents, the head by gaze, with less sway where ``calm``."""
     num_frames = len(hands["left"])
-    time_s = signals.frame_times(num_frames)
+    time_s = frame_times(num_frames)
     left, right = hands["left"][:, :3], hands["right"][:, :3]
     lively, swaying = speaker.energy, speaker.sway
     left_over = 1.0 - CALMER * calm
