@@ -142,21 +142,20 @@ class AppConfig:
     """Port to listen on; 0 takes the first free one from 7860 on."""
     body: File = field(default_factory=body_from_environment)
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
-    open body."""
+    bundled body."""
     weights: Annotated[Path, arg(metavar="DIR")] = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     host_names: Annotated[Several, arg(name="host-name", metavar="NAME")] = ()
-    """Further name under which people reach the page, besides the names of this machine and --host;
-    may be repeated."""
+    """Further host name of the page, besides this machine's names and --host; may be repeated."""
     trusted_proxies: Annotated[Several, arg(name="proxy", metavar="ADDRESS")] = ()
     """Address of a proxy with trusted X-Forwarded headers; may be repeated. By default a proxy on
     this machine is trusted, except for X-Forwarded-Host."""
     root_path: Annotated[str, arg(metavar="PATH")] = field(default_factory=default_root_path)
-    """Path below which a proxy serves the page, such as /lab, whether or not the proxy removes it;
+    """Path under which a proxy serves the page, such as /lab; the proxy may keep or strip it;
     by default $GRADIO_ROOT_PATH."""
     frame_ancestors: Annotated[Several, arg(name="embed-in", metavar="ORIGIN")] = ()
     """Site that may show the page in a frame, such as https://lab.example; may be repeated. By
-    default only the page's own site may, and in a hosted space also the host's site."""
+    default only the page's own site may, and in a Hugging Face Space also Hugging Face's sites."""
     accounts: Annotated[
         tuple[tuple[str, str], ...], parsed_type(read_accounts, "FILE", "none"), arg(name="auth")
     ] = ()
@@ -173,7 +172,7 @@ class AppConfig:
     result_lifetime_s: Suppress[float] = 3600.0
     """Age (s) at which results and uploads are deleted."""
     max_stored_bytes_per_address: Suppress[int] = 4 * 10**9
-    """Most bytes of uploads and runs that one address may have on the disk."""
+    """Maximum disk space (bytes) for the uploads and runs of one IP address."""
     max_run_s: Suppress[float] = 2 * 3600.0
     max_run_memory_bytes: Suppress[int] = 4 * 10**9
     """Memory (bytes) that a run may use in addition to the models."""

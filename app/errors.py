@@ -41,8 +41,7 @@ def message_for_user(error: BaseException) -> str | None:
     """Return the sentence to show for an error, or None for a fault of the program.
 
     Errors that this project raises carry their sentence. Among the system's errors only a full
-    disk, missing permissions and missing memory get one, because a user can do something about
-    them.
+    disk, missing permissions and missing memory get one, because a user can act on them.
     """
     if isinstance(error, WorkerError):
         return None

@@ -44,7 +44,7 @@ def parsed_type(
 
 
 @dataclass(frozen=True)
-class CheckboxValues:
+class CheckboxValuePair:
     """Annotation of a type for which a check box selects one of two values."""
 
     checked: str
@@ -139,7 +139,7 @@ def family_files_annotation() -> Any:
     return arg(constructor=make_dataclass("FamilyFiles", named, frozen=True))
 
 
-def set_family_files(paths: Mapping[str, Any]) -> None:
+def export_family_files(paths: Mapping[str, Any]) -> None:
     """Export family files to all processes; raises CheckpointError or EncoderError if missing."""
     for family in families():
         for file in family.files:

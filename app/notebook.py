@@ -276,7 +276,7 @@ def diagnose(
             named,
             tracker,
             onsets_s=None if sound is None else cached_speech_onsets(sound),
-            speech_bands=None if sound is None else speech_bands_by_frame(sound.waveform),
+            speech_log_mel=None if sound is None else speech_bands_by_frame(sound.waveform),
             on_share=partial(bars.update, "measure"),
         )
 
@@ -296,8 +296,7 @@ class Comparison:
     nearest_to_reference: Mapping[str, Sequence[str]]
     """Names of the motions nearest to the reference, by metric."""
     rotation_difference_deg: Mapping[tuple[str, str], Mapping[str, float]]
-    """Mean angle (degrees) between the joint rotations of two motions, by pair and body part, the
-    largest first."""
+    """Mean angle (degrees) between joint rotations, by motion pair and body part, largest first."""
     protocol_id_by_metric: Mapping[str, str]
     """Ids of the protocols; values of different protocols cannot be compared."""
 
@@ -357,7 +356,7 @@ def compare(
     named = motions_by_name(motions, reference)
     if diagnostics is None:
         diagnostics = diagnose(named, speech=speech, progress=False)
-    of_all = diagnostics.all_motions
+    of_all = diagnostics.metrics_by_name
     numbers = {name: metric_values(versions.version(kind)) for name, versions in of_all.items()}
     rows: dict[str, dict[str, float | None]] = {}
     best: dict[str, Sequence[str]] = {}
@@ -383,8 +382,7 @@ class GenerationResult:
 
     speech: Speech
     motions: dict[str, Motion]
-    """Motions by system, with ``SYSTEM.s2`` and on for further samples and "reference" for a
-    recorded one."""
+    """Motions by system; ``SYSTEM.s2`` and on are more samples, "reference" is a recorded one."""
     plans: dict[str, GesturePlan]
     """Gesture plans, by name, of the systems that use one."""
     transcript: Transcript

@@ -16,8 +16,7 @@ MODULES = {
     "train": "model.train",
     "evaluate": "model.evaluate",
 }
-"""Commands that are programs with a module each; all others but ``page`` are commands of ``python
--m app``."""
+"""Commands that run a module each; all others but ``page`` are commands of ``python -m app``."""
 
 
 def main() -> int:

@@ -20,7 +20,7 @@ UNTRAINED = (
 PAPER = (
     "This page is about <b>GlobalDiff</b>: X. Zhang, J. Li, J. Ren and J. Zhang, <i>Mitigating "
     "Error Accumulation in Co-Speech Motion Generation via Global Rotation Diffusion and "
-    "Multi-Level Constraints</i>, AAAI 2026. It is an independent project."
+    "Multi-Level Constraints</i>, AAAI 2026. This app is an independent project."
 )
 PAPER_LINKS = {
     "Paper": "https://arxiv.org/abs/2511.10076",
@@ -118,7 +118,7 @@ FIGURES = {
 }
 FIGURES["hearing"] = FIGURES["speech_effect"]  # its former name
 CAPTION = "Caption (for your paper)"
-REDRAW = "Other panels, frames or width"
+REDRAW = "Change panels, frames or width"
 OVER_CLIPS = ", mean over clips with 95 % confidence interval"
 NUMBERS_HEADING = "Metrics"
 NUMBERS_HELP = (
@@ -184,10 +184,10 @@ LOADING = "Loading the run."
 STARTING = "Starting."
 STARTING_SYSTEMS = "Loading the systems."
 DONE = "Done in {seconds:.0f} s: {rows} of up to {frames} frames (30 fps)."
-VIEWER_VIDEO_STARTING = "The video of the viewer is rendered as soon as a renderer is free."
-VIEWER_VIDEO_PROGRESS = "Rendering the video of the viewer: {percent:.0f} %."
+VIEWER_VIDEO_STARTING = "The video of the 3D viewer will be rendered as soon as a renderer is free."
+VIEWER_VIDEO_PROGRESS = "Rendering the video of the 3D viewer: {percent:.0f} %."
 VIEWER_VIDEO_DONE = (
-    "The video of the viewer is ready: {bodies}, {seconds:.1f} s, {megabytes:.1f} MB."
+    "The video of the 3D viewer is ready: {bodies}, {seconds:.1f} s, {megabytes:.1f} MB."
 )
 VIEWER_VIDEO_DAMAGED = "The viewer sent invalid data: {why} Please reload the page."
 PLAN_LABEL = "Gesture plan (.json, .TextGrid or .eaf)"

@@ -54,9 +54,8 @@ class LimbNamePatterns:
     upper: str
     """Pattern of unambiguous names of the shoulder or hip joint."""
     upper_or_lower: str
-    """Pattern of the upper or the lower part, depending on the others: ``LeftUpLeg`` and
-    ``LeftLeg``."""
-    before_limb: str
+    """Pattern of the upper or lower part, depending on the others: ``LeftUpLeg`` or ``LeftLeg``."""
+    joint_before_limb: str
     """Pattern of the joint before the limb, or else of the upper part: ``LeftShoulder``."""
 
 
@@ -69,8 +68,7 @@ LEG = LimbNamePatterns(
     "leg", "hip",
 )  # fmt: skip
 SIMILAR_LENGTHS = 0.8
-"""Ratio of the lengths of two pairs of bones above which the limb is uncertain (CMU: 0.88; our
-body: 0.77)."""
+"""Length ratio of two bone pairs above which the limb is uncertain (CMU: 0.88; our body: 0.77)."""
 JointMap = dict[str, list[int]]
 """Indices of the file's joints for each of ours, with rotations that are combined."""
 
@@ -258,7 +256,7 @@ class JointTree:
         if not ends:
             return None
         end = ends[0]
-        above = f"{names.upper}|{names.upper_or_lower}|{names.before_limb}"
+        above = f"{names.upper}|{names.upper_or_lower}|{names.joint_before_limb}"
         lowers = of(names.lower, end)
         lowers = lowers or [at for at in of(names.upper_or_lower, end)[-1:] if of(above, at)]
         if not lowers:
@@ -267,7 +265,7 @@ class JointTree:
         uppers = (
             of(names.upper, lower)
             or of(names.upper_or_lower, lower)
-            or of(names.before_limb, lower)[-1:]
+            or of(names.joint_before_limb, lower)[-1:]
         )
         return (uppers[0], lower, end) if uppers else None
 
@@ -288,8 +286,7 @@ class JointTree:
     def _fingers(self, wrist: int, side: str, ahead: Float[np.ndarray, " 3"]) -> JointMap:
         """Find finger joints by names with numbers, or else by chains.
 
-        Chains are named, or ordered: the thumb starts nearest to the wrist, the others lie in a
-        row.
+        Chains are named, or ordered: the thumb starts nearest the wrist, the others lie in a row.
         """
         fingers: JointMap = {}
         for finger, spelling in _FINGER_NAMES.items():
@@ -329,7 +326,7 @@ class JointTree:
         labels = self._labels[wrist : wrist + self._sizes[wrist]]
         return 0 if any("finger0" in label for label in labels) else 1
 
-    def body_axes(self, joint_map: JointMap) -> tuple[np.ndarray, np.ndarray, float]:
+    def body_axes_and_leg_cosine(self, joint_map: JointMap) -> tuple[np.ndarray, np.ndarray, float]:
         """Return up along the trunk (unit), left across it (any length), cosine of legs and down.
 
         Without legs the last value tells how far the arms are below the shoulders.
@@ -354,7 +351,7 @@ class JointTree:
 
     def is_standing(self, joint_map: JointMap) -> bool:
         """Check whether the rest pose is that of a standing person."""
-        return self.body_axes(joint_map)[2] >= 0.5
+        return self.body_axes_and_leg_cosine(joint_map)[2] >= 0.5
 
 
 def nearest_axis(vector: Float[np.ndarray, " 3"]) -> np.ndarray:

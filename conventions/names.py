@@ -47,8 +47,7 @@ class SampleName:
 COMPARISON = "comparison"
 """Stem of the video of all motions of a run side by side; no motion's files have this name."""
 MAX_STEM_BYTES = 200
-"""Largest length of a stem in bytes; disks allow 255, which includes the suffix and the mark of an
-unfinished file."""
+"""Longest stem in bytes; disks allow 255, including the suffix and an unfinished file's mark."""
 
 
 def safe_file_stem(name: str) -> str:

@@ -137,7 +137,7 @@ class Diagnostics:
     """Parts that a file does not contain, by name; they have no findings."""
 
     @property
-    def all_motions(self) -> dict[str, RawAndFiltered]:
+    def metrics_by_name(self) -> dict[str, RawAndFiltered]:
         """Metrics by name, the reference last."""
         reference = {} if self.reference is None else {REFERENCE_NAME: self.reference}
         return {**self.systems, **reference}
@@ -145,15 +145,15 @@ class Diagnostics:
     @property
     def protocol_by_metric(self) -> dict[str, str]:
         """Ids of the protocols of all metrics but the published ones, which are listed by id."""
-        if not self.all_motions:
+        if not self.metrics_by_name:
             return {}
-        keys = next(iter(self.all_motions.values())).raw.as_json().keys() - {"protocols"}
+        keys = next(iter(self.metrics_by_name.values())).raw.as_json().keys() - {"protocols"}
         return {key: protocol_of(key, self.beat_speed_source) for key in sorted(keys)}
 
     @property
     def beat_speed_source(self) -> BeatSpeedSource:
         """Source of the mean speeds of BeatAlign."""
-        beats = next((each.raw.beats for each in self.all_motions.values()), None)
+        beats = next((each.raw.beats for each in self.metrics_by_name.values()), None)
         return beats.beat_speed_source if beats else "own"
 
     def as_json(self) -> dict[str, Any]:
@@ -192,7 +192,7 @@ def diagnose(
     tip_track: TipTrack | None = None,
     tracked_point_source: str | None = None,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
-    speech_bands: Float[np.ndarray, "frames bands"] | None = None,
+    speech_log_mel: Float[np.ndarray, "frames bands"] | None = None,
     protocol_inputs: ProtocolInputs | None = None,
 ) -> Diagnostics:
     """Measure motions and the reference, unfiltered and filtered.
@@ -210,7 +210,7 @@ def diagnose(
         tracked_point_source: name of what ``tip_track`` tracks, such as 'vertex 7794'; without it
             'rigid' for a fingertip and 'joint' for a joint.
         onsets_s: times of the speech's onsets (`beats.speech_onsets`), for BeatAlign.
-        speech_bands: log-mel bands of the speech by frame (`lag.speech_bands_by_frame`), for the
+        speech_log_mel: log-mel bands of the speech by frame (`lag.speech_bands_by_frame`), for the
             lag of the motion.
         protocol_inputs: mean speeds for BeatAlign (`beats.read_mean_speeds`), and what published
             protocols take besides motion and reference.
@@ -224,7 +224,7 @@ def diagnose(
         )
     protocol_inputs = protocol_inputs or ProtocolInputs()
     ways = _MeasureOptions(
-        skeleton, point, tip_track, onsets_s, speech_bands, protocol_inputs, True
+        skeleton, point, tip_track, onsets_s, speech_log_mel, protocol_inputs, True
     )
     windows = windows or {}
     motions, reference, notes = _cut_to_shortest(motions, reference)
@@ -265,7 +265,7 @@ def analyse_raw(
     windows: Windowing | None = None,
     point: str = TIP,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
-    speech_bands: Float[np.ndarray, "frames bands"] | None = None,
+    speech_log_mel: Float[np.ndarray, "frames bands"] | None = None,
     protocol_inputs: ProtocolInputs | None = None,
 ) -> AnalysedMotion:
     """Measure one motion without the filter, as the input of fault detectors.
@@ -274,7 +274,7 @@ def analyse_raw(
     protocols are measured.
     """
     protocol_inputs = protocol_inputs or ProtocolInputs()
-    ways = _MeasureOptions(skeleton, point, None, onsets_s, speech_bands, protocol_inputs, False)
+    ways = _MeasureOptions(skeleton, point, None, onsets_s, speech_log_mel, protocol_inputs, False)
     return next(_versions(motion, ways, windows, () if reference is None else (reference,)))
 
 
@@ -286,7 +286,7 @@ class _MeasureOptions:
     point: str
     tip_track: TipTrack | None
     onsets_s: Float[np.ndarray, " onsets"] | None
-    speech_bands: Float[np.ndarray, "frames bands"] | None
+    speech_log_mel: Float[np.ndarray, "frames bands"] | None
     protocol_inputs: ProtocolInputs
     with_published_protocols: bool
     """True to measure published protocols."""
@@ -304,7 +304,7 @@ def _versions(
     """
     tracks = track_points(motion, ways.skeleton)
     period = find_jerk_period(tracks)
-    lag = None if ways.speech_bands is None else find_lag(motion, ways.speech_bands)
+    lag = None if ways.speech_log_mel is None else find_lag(motion, ways.speech_log_mel)
     usual_speed = _usual_speed(
         ways.protocol_inputs.published_mean_speeds, recorded[0].tracks if recorded else None, tracks
     )
@@ -423,7 +423,10 @@ def with_current_format(content: Mapping[str, Any]) -> dict[str, Any]:
     if number == DIAGNOSTICS_FORMAT:
         return dict(content)
     if number != 1:
-        raise ValueError(f"It has format {number}; this version reads up to {DIAGNOSTICS_FORMAT}.")
+        raise ValueError(
+            f"diagnostics.json has format {number}; this version of the program reads up to "
+            f"{DIAGNOSTICS_FORMAT}."
+        )
 
     def metrics(versions: Mapping[str, Any]) -> dict[str, Any]:
         return {

@@ -36,7 +36,7 @@ from model.evaluation.clips import (
     clip_metrics_table,
     load_rows,
     pelvis_centred_positions,
-    read_trimmed_recording,
+    read_recording_cut_to_speech,
 )
 from model.evaluation.plan_detection import running_detection_scores
 from model.generation.base import System
@@ -83,7 +83,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     motion = parser.add_argument_group("motion")
     motion.add_argument("--systems", default="all", help="names separated by commas, or: all")
-    motion.add_argument("--seeds", type=int, default=2, help="noise seeds for each clip")
+    motion.add_argument("--seeds", type=int, default=2, help="number of noise seeds per clip")
     motion.add_argument(
         "--guidance", type=float, help="guidance scale (default: that of each system)"
     )
@@ -252,7 +252,7 @@ def load_evaluation_models(
     """Load systems and evaluation networks, once per process and version of their files."""
     judges = {
         measure: load_motion_encoder(weights, encoder)
-        for measure, encoder in frechet.ENCODERS.items()
+        for measure, encoder in frechet.ENCODER_NAMES.items()
         if (weights / f"{encoder}.safetensors").is_file()
     }
     has_judge = (weights / f"{MATCHING_NETWORK}.safetensors").is_file()
@@ -295,7 +295,7 @@ def _usable(folder: Path, clips: Sequence[str], models: EvaluationModels) -> dic
     window = max(system.windowing.frames for system in models.systems)
     for name in clips:
         try:
-            motion, _ = read_trimmed_recording(folder, name)
+            motion, _ = read_recording_cut_to_speech(folder, name)
             if motion.num_frames < window:
                 raise DataError(f"it has {motion.num_frames} frames; at least {window} are needed.")
         except (DataError, MotionError, SpeechError) as error:

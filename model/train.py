@@ -37,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
         type=Path,
         default=BUNDLED_WEIGHTS,
         metavar="DIR",
-        help="folder with the weights of networks that a system needs",
+        help="folder with the weights of pretrained networks that the training uses",
     )
     parser.add_argument(
         "--start-from",

@@ -38,8 +38,7 @@ class JobPool:
     """Choice of workers for jobs: processes of this machine, or a Dask cluster."""
 
     processes: int | None = None
-    """Number of workers with one thread each (default: all cores); one works in the calling
-    process."""
+    """Number of single-threaded workers (default: all cores); one works in the calling process."""
     scheduler: str | None = None
     """Address or scheduler file of a Dask scheduler with workers that see the same files;
     replaces the processes."""

@@ -58,7 +58,7 @@ def _selected(short: bool, only: tuple[BenchRow, ...], folder: Path) -> Iterator
         "speech-effect": lambda: [runs.time_speech_effect(folder)],
         "steps": lambda: [runs.time_step_sweep(clip, folder)],
         "training": runs.measure_training_rates,
-        "memory": lambda: runs.measure_memory(folder),
+        "memory": lambda: runs.measure_run_peak_memory(folder),
     }
     for row in only or (() if short else rows):
         yield from rows[row]()
@@ -72,7 +72,7 @@ def _figures(short: bool, folder: Path) -> Iterator[runs.BenchResult]:
     list(warm_up_in_steps(BUNDLED_WEIGHTS, None))
     clip = runs.write_example_of_duration(CLIP_S, folder)
     yield from runs.time_features_and_generation(clip)
-    yield from runs.time_page_run(clip, folder)
+    yield from runs.time_run_with_page_settings(clip, folder)
     motion = load_motion(min((folder / "page").glob("*.npz")))
     yield runs.time_metrics(motion)
     yield from drawing.measure_video_rates(body_motion(motion), folder)

@@ -104,8 +104,8 @@ def measure_render_stages(motion: BodyMotion, folder: Path) -> list[BenchResult]
         sum(one.value for one in ours),
         sum(one.value_by_cpu_time or 0.0 for one in ours),
     )
-    title = "speed-up of our drawing over a plain pyrender loop"
+    title = "speed-up of our rendering over a plain pyrender loop"
     return [
         *figures,
-        BenchResult(title, wall / own_wall, "x", "at least 35; CPU 40", cpu / own_cpu),
+        BenchResult(title, wall / own_wall, "x", "at least 35 (CPU 40)", cpu / own_cpu),
     ]

@@ -37,7 +37,7 @@ from renderer.figures.style import FIGURE_FORMATS
 
 START_TIMEOUT_S = 60.0
 SAMPLES = 5
-PAGE_SIZE_PX = 640
+PAGE_PICTURE_HEIGHT_PX = 640
 """Height of a body in the page's player (pixels)."""
 SHORT_S, LONG_S = 60.0, 600.0
 BATCH, WARM_STEPS, TIMED_STEPS = 64, 2, 8
@@ -122,7 +122,7 @@ def time_features_and_generation(clip: Path) -> list[BenchResult]:
         title = f"generation, {system.name}, {steps} steps"
         figures.append(BenchResult(title, each, "ms/frame", "at most 4"))
     each = measure_ms_per_frame(systems[-1], speech, systems[-1].samplers[0].default_steps, SAMPLES)
-    title = f"generation, {systems[-1].name}, per sample of {SAMPLES}"
+    title = f"generation, {systems[-1].name}, per sample ({SAMPLES} in one batch)"
     return [*figures, BenchResult(title, each, "ms/frame", "at most 2")]
 
 
@@ -136,7 +136,7 @@ def measure_training_rates() -> list[BenchResult]:
     return [BenchResult(title.format(name), rate, "windows/s") for name, rate in rates.items()]
 
 
-def time_page_run(clip: Path, folder: Path) -> list[BenchResult]:
+def time_run_with_page_settings(clip: Path, folder: Path) -> list[BenchResult]:
     """Measure a run of the explained systems with the page's settings, in a warm process.
 
     Times: until the first motion of the first system can be shown, until its whole motion is there,
@@ -156,7 +156,7 @@ def time_page_run(clip: Path, folder: Path) -> list[BenchResult]:
     explained = _explained_systems()
     started = time.monotonic()
     fields = {"speech": clip, "out": folder / "page", "systems": explained}
-    shown = {"picture_height_px": PAGE_SIZE_PX, "close_ups": CLOSE_UPS}
+    shown = {"picture_height_px": PAGE_PICTURE_HEIGHT_PX, "close_ups": CLOSE_UPS}
     generate(request_from(GenerateRequest, fields | shown), RunCallbacks(watch))
     seconds = time.monotonic() - started
     first = moving_at[0] - started
@@ -179,7 +179,7 @@ def measure_figure_cpu_time(clip: Path, folder: Path) -> list[BenchResult]:
     figures, systems = [], _explained_systems()
     for title, formats, aim in (
         ("page (PNG)", ("png",), 4),
-        ("command (all formats)", FIGURE_FORMATS, 8),
+        ("command line (all formats)", FIGURE_FORMATS, 8),
     ):
         cpu_at: list[float] = []
         of_figures: list[int] = []
@@ -205,7 +205,9 @@ def time_speech_effect(folder: Path) -> BenchResult:
     values = {"inputs": tuple(sorted(EXAMPLES.glob("*.wav"))[:2]), "out": folder / "effect"}
     request = request_from(SpeechEffectRequest, values)
     _, wall_s, cpu = measure_time(lambda: measure_speech_effect(request))
-    return BenchResult("speech effect of two speeches", wall_s, "s", value_by_cpu_time=cpu)
+    return BenchResult(
+        "speech-effect measurement, two recordings", wall_s, "s", value_by_cpu_time=cpu
+    )
 
 
 def time_step_sweep(clip: Path, folder: Path) -> BenchResult:
@@ -235,7 +237,7 @@ def time_metrics(motion: Motion) -> BenchResult:
     return BenchResult("all metrics, 1-minute clip, one system", seconds, "s", "at most 1 s")
 
 
-def measure_memory(folder: Path) -> list[BenchResult]:
+def measure_run_peak_memory(folder: Path) -> list[BenchResult]:
     """Measure the peak memory of a run without videos, for a long and a short clip."""
     system = list_systems(BUNDLED_WEIGHTS)[-1]
     imports = (

@@ -1,7 +1,6 @@
 """Command line: names of the commands and parsing of their arguments.
 
-Exit status: 0 for success, 1 for a failure and 2 for wrong arguments, each with one sentence on
-standard error.
+Exit status: 0 for success, 1 for failure and 2 for wrong arguments, each with a sentence on stderr.
 """
 
 from __future__ import annotations

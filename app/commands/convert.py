@@ -44,8 +44,8 @@ class ConvertRequest:
     """File format for a folder of outputs."""
     import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
     body: File = field(default_factory=body_from_environment)
-    """A character (.vrm, .glb), to which .glb output adds the motion; or a licensed
-    SMPLX_NEUTRAL*.npz, which defines the mean hand pose, and the skeleton of .bvh and .glb."""
+    """A character (.vrm, .glb), which .glb output animates; or a licensed
+    SMPLX_NEUTRAL*.npz, which sets the mean hand pose and the skeleton of .bvh and .glb output."""
     flame_to_arkit_matrix: Annotated[File, arg(name="flame-to-arkit")] = None
     """BEAT2's mat_final.npy, to convert FLAME face coefficients to ARKit weights."""
     prints_json: Annotated[bool, arg(name="json")] = False

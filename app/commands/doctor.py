@@ -22,7 +22,7 @@ from app.config import (
     matplotlib_backend_error,
 )
 from app.errors import RunError, message_for_user
-from app.flags import FileOrDefault, set_family_files
+from app.flags import FileOrDefault, export_family_files
 
 MIN_MEMORY_GB = 2.0
 MIN_DISK_GB = 1.0
@@ -49,10 +49,10 @@ def doctor(files: Files, body: FileOrDefault = None, weights: Path = BUNDLED_WEI
 
     Args:
         body: A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else
-            the open body.
+            the bundled body.
         weights: Folder of trained systems.
     """
-    set_family_files(vars(files))
+    export_family_files(vars(files))
     findings = run_checks(weights, body or body_from_environment())
     sys.stdout.write(format_report(findings))
     broken = [finding.name for finding in findings if finding.is_needed and not finding.works]

@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from app.errors import RunError
-from app.flags import Count, Names, family_files_annotation, parsed_type, set_family_files
+from app.flags import Count, Names, export_family_files, family_files_annotation, parsed_type
 from app.run import tasks
 from app.run.batch.leaderboard import (
     entries_from_results,
-    leaderboard_html,
+    leaderboard_page_html,
     merge_entries,
     read_leaderboard,
     write_leaderboard,
@@ -27,7 +27,7 @@ from app.run.output.run_folder import read_run
 from app.run.requests.convert import refuse_ignored
 from app.run.requests.requests import (
     DiagnoseRequest,
-    FigureRequest,
+    Figure6Request,
     GenerateRequest,
     PlanRequest,
     RenderRequest,
@@ -54,8 +54,7 @@ _METRICS = ("mean_speeds", "emage_weights", "genea_weights", "semantics", "expec
 """Options of `diagnose` that apply to metrics."""
 Files = Annotated[Any, family_files_annotation()]
 Flat = arg(name="")
-"""Annotation that names flags after the fields of a request's parts, without the request's own
-name."""
+"""Annotation that names flags after the fields of a request's parts, without the request's name."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class PoolOptions:
     """Workers for runs of many clips: local processes or a Dask cluster."""
 
     processes: Count = None
-    """Number of processes on this machine for many clips, with one thread each."""
+    """Number of parallel processes on this machine for batch runs, each with one thread."""
     scheduler: Annotated[str | None, parsed_type(str, "ADDRESS", "none")] = None
     """Address of a Dask scheduler for many clips, such as tcp://head:8786; its workers must have
     access to the same files (docs/many-clips.md)."""
@@ -81,13 +80,12 @@ def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool
     Several systems generate motion for the same speech with the same noise seed, and are compared.
     The output folder contains the motions (.npz), their videos (.mp4), comparison.mp4, the figures,
     the metrics (diagnostics.json and .csv) and the origin of the results (provenance.json). For
-    many speeches, each gets its own folder; run the same command again to continue after an
-    interruption.
+    many speeches, each gets its own folder; repeat the command to continue after an interruption.
     """
-    from app.run.batch.speech_batch import is_batch_input
+    from app.run.batch.speech_batch import is_speech_folder_or_list
 
-    set_family_files(vars(files))
-    if is_batch_input(request.speech.path):
+    export_family_files(vars(files))
+    if is_speech_folder_or_list(request.speech.path):
         _generate_many(request, pool.make_pool())
     else:
         _run(tasks.GENERATE, request, request.output.out)
@@ -193,7 +191,7 @@ def _check_sets(request: DiagnoseRequest) -> None:
 def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
     from app.run.batch.motion_sets import diagnose_folders
 
-    why = "For folders, only metrics over all clips are written, as tables and distributions"
+    why = "For folders, only metric tables and a figure of their distributions are written"
     refuse_ignored(request, _OF_ONE, why)
     with ProgressBars() as shown, _report_interruption():
         result = diagnose_folders(request, partial(shown.update, "measure clips"), pool)
@@ -212,7 +210,7 @@ def step_sweep(request: Annotated[StepSweepRequest, Flat], files: Files) -> None
     The same motion is generated with few and with many steps. Jerk, and the distance to the result
     with the most steps, are plotted against the time per frame on this machine.
     """
-    set_family_files(vars(files))
+    export_family_files(vars(files))
     _run(tasks.MEASURE_STEPS, request, request.output.out)
 
 
@@ -223,7 +221,7 @@ def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -
     neither are compared. Alternatively, compare a folder of motions from any source, with file
     names of the form SYSTEM__SPEECH__SEED.npz.
     """
-    set_family_files(vars(files))
+    export_family_files(vars(files))
     if request.compares_existing_motions:
         ignored = ("weights", "speaker", "systems", "guidance", "num_seeds")
         refuse_ignored(request, ignored, "With a folder of motions, nothing is generated")
@@ -233,10 +231,9 @@ def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -
 def rotation_noise(request: Annotated[RotationNoiseRequest, Flat]) -> None:
     """Show the effect of equal noise on local (parent-relative) and on global joint rotations.
 
-    The same random rotations are applied to the local and to the global rotations of a motion, as
-    an illustration of the GlobalDiff paper's argument. Both bodies are rendered side by side, and
-    the displacement of the tracked point is reported, as measured and as predicted analytically. No
-    network is used.
+    The same random rotations are applied to a motion's local and global rotations, to illustrate
+    the GlobalDiff paper's argument. Both bodies are rendered side by side, and the displacement of
+    the tracked point is reported, as measured and as predicted analytically. No network is used.
     """
     _run(tasks.COMPARE_ROTATION_NOISE, request, request.output.out)
 
@@ -271,7 +268,7 @@ def plan(request: Annotated[PlanRequest, Flat]) -> None:
     refuse_ignored(request, ("import_overrides",), what)
     if request.writes_empty_plan:
         ignored = tuple(name for name in _DRAWS_PLANS if name != "style")
-        refuse_ignored(request, ignored, "An empty plan is not sampled")
+        refuse_ignored(request, ignored, "With --empty, no plan is sampled")
     _finish([request.out], write_plan_from_speech(request).notes)
 
 
@@ -279,9 +276,8 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
     """Render a motion as video or stills, or export it for 3D software.
 
     The suffix of --out selects the format. A .png is a contact sheet of eight poses, unless
-    --stills or --contact-sheet-every selects other frames; with a .mp4, these pictures are written
-    next to the video. A .blender.npz is for the SMPL-X add-on of Blender, a .vrma for players of
-    VRM characters.
+    --stills or --contact-sheet-every selects other frames; with a .mp4, these pictures go next to
+    the video. A .blender.npz is for Blender's SMPL-X add-on, a .vrma for players of VRM characters.
     """
     from app.run.videos.export import render_or_export_motion
 
@@ -299,7 +295,7 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
     _finish(files, notes)
 
 
-def figure6(request: Annotated[FigureRequest, Flat]) -> None:
+def figure6(request: Annotated[Figure6Request, Flat]) -> None:
     """Draw Figure 6 of a finished run again, with other panels, frames or width.
 
     It is drawn from the motions in the run's folder; nothing is generated or measured.
@@ -322,8 +318,7 @@ def leaderboard_add(
 ) -> None:
     """Add the results of `diagnose` for complete test sets to a leaderboard.
 
-    A leaderboard is one JSON file. Entries with the same clips, recorded motion and encoders share
-    a table.
+    A leaderboard is a JSON file. Entries with the same clips, reference and encoders share a table.
 
     Args:
         board: Leaderboard file; it is created if it does not exist.
@@ -364,7 +359,7 @@ def leaderboard_page(board: Board, out: Path) -> None:
     """
     if out.suffix.lower() != ".html":
         raise RunError(f"{out.name} must end in .html.")
-    html = leaderboard_html(merge_entries([read_leaderboard(board)]))
+    html = leaderboard_page_html(merge_entries([read_leaderboard(board)]))
     write_atomically(out, html)
     print_path(out)
 

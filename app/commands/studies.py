@@ -34,7 +34,7 @@ def export(
         plan: Study plan, a TOML file (docs/user-study.md).
         out: Folder of the study.
         body: A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else
-            the open body.
+            the bundled body.
         weights: Folder of trained systems.
     """
     from app.run.callbacks import RunCallbacks
@@ -54,8 +54,8 @@ def export(
     print_message(
         f"The study has {pluralise(len(read.clips), 'clip')}, "
         f"{pluralise(len(read.conditions), 'system')} and "
-        f"{pluralise(read.participants, 'trial list')} (one per participant); no leak was found. "
-        f"Host {folders.bundle.name}; keep {folders.private.name} private."
+        f"{pluralise(read.participants, 'trial list')} (one per participant); no leak of system "
+        f"identities was found. Host {folders.bundle.name}; keep {folders.private.name} private."
     )
     print_path(folders.bundle)
     print_path(folders.private)

@@ -92,12 +92,14 @@ def format_means(values: Mapping[str, Samples]) -> str:
 
 
 KIND_TITLES = {
-    "identical": "copy of the reference", "still": "no movement", "lifted": "height of the feet",
+    "identical": "copy of the reference", "still": "no movement", "lifted": "feet above or below "
+    "the reference",
     "time_shift": "lag", "pops": "single-frame pops", "snap": "sudden turns",
     "period": "periodic jerk", "stretched_rate": "interpolated frames",
-    "foot_slide": "foot sliding", "floating": "floating feet", "through_floor": "feet in the floor",
-    "high_frequency": "power above 5 Hz", "amplitude": "variation of posture",
-    "speed": "amount of movement", "finger_range": "fingers beyond their range",
+    "foot_slide": "foot sliding", "floating": "floating feet", "through_floor": "feet below the "
+    "floor",
+    "high_frequency": "unusual power above 5 Hz", "amplitude": "unusual variation of posture",
+    "speed": "unusual amount of movement", "finger_range": "finger joint-limit violations",
 }  # fmt: skip
 """Titles of kinds of findings (`model.faults.table`) that their names do not tell."""
 

@@ -8,7 +8,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, TypeVar
 
 from conventions.names import FilterVersion
-from model.metrics.protocols.table import GENEA_LENGTHS, PROTOCOLS, WORKBENCH
+from model.metrics.protocols.table import GENEA_PIECE_FRAMES, PROTOCOLS, WORKBENCH
 
 if TYPE_CHECKING:
     import numpy as np
@@ -177,8 +177,8 @@ JERK, SPEED = "tracked_point_jerk_m_s3", "tracked_point_speed_m_s"
 POWER_ABOVE_5_HZ, SEAMS = "tracked_point_power_above_5hz_percent", "seam_jerk_ratio"
 FGD, FGD_EMAGE = "fgd", "fgd_emage"
 """Keys of the distances of whole sets to the recorded one, by our encoder and by EMAGE's."""
-FGD_GENEA = {length: f"fgd_genea_{length}" for length in GENEA_LENGTHS}
-"""Keys of those by GENEA's encoders, by the length of their pieces in frames."""
+FGD_GENEA = {length: f"fgd_genea_{length}" for length in GENEA_PIECE_FRAMES}
+"""Keys of the FGD by GENEA's encoders, by window length (frames)."""
 FGD_ENCODERS = {FGD: "this project's encoder", FGD_EMAGE: "EMAGE's encoder"} | {
     key: f"GENEA's encoder for {length}-frame windows" for length, key in FGD_GENEA.items()
 }
@@ -265,7 +265,7 @@ PARTNERS = {row.key: row.partner_key for row in METRICS if row.partner_key}
 T = TypeVar("T")
 
 
-def convert_old_titles(values_by_title: Mapping[str, T]) -> dict[str, T]:
+def old_titles_to_keys(values_by_title: Mapping[str, T]) -> dict[str, T]:
     """Return the values of an earlier format, which had titles as keys, by the keys of metrics."""
     return {KEYS_OF_OLD_TITLES.get(title, title): value for title, value in values_by_title.items()}
 

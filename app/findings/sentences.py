@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from model.diagnostics import Diagnostics, RawAndFiltered
 
 SMOOTHED = "After Savitzky-Golay smoothing"
-"""Start of a sentence about motion that was filtered by `model.motion.transforms` as in the
-official code."""
+"""Start of a sentence on motion filtered by `model.motion.transforms` as in the official code."""
 SMALL_SHARE = 0.05
 
 
@@ -40,7 +39,7 @@ def figure_sentences(diagnostics: Diagnostics) -> dict[str, str]:
     systems = {labels[name]: versions for name, versions in diagnostics.systems.items()}
     findings = {labels.get(name, name): each for name, each in diagnostics.findings.items()}
     diagnostics = replace(diagnostics, systems=systems, findings=findings)
-    of_all = diagnostics.all_motions
+    of_all = diagnostics.metrics_by_name
     apart = {
         labels.get(name, name): of
         for name, of in metric_table.parts_others_have(diagnostics.missing_parts).items()
@@ -120,7 +119,7 @@ def _attribution(diagnostics: Diagnostics) -> str:
         )
     few = ""
     if without:
-        few = f"; in {join_names(without)}, no single joint reduces it by {least} or more"
+        few = f"; in {join_names(without)}, smoothing one joint reduces it by less than {least}"
     start = f"Joint whose smoothing reduces the jerk of the {point} most"
     return f"{start}: {join_names(sentences)}{few}."
 
@@ -165,7 +164,7 @@ def _periods(diagnostics: Diagnostics) -> str:
 
 def _beats(diagnostics: Diagnostics) -> str:
     """List the motions with beats that follow the speech more than chance; empty without any."""
-    beats_by_name = {name: versions.raw.beats for name, versions in diagnostics.all_motions.items()}
+    beats_by_name = {name: each.raw.beats for name, each in diagnostics.metrics_by_name.items()}
     beats = {
         name: (of.beat_align, of.beat_align_chance, of.beat_align_chance_highest)
         for name, of in beats_by_name.items()
@@ -182,7 +181,7 @@ def _beats(diagnostics: Diagnostics) -> str:
 
 def _lag_sentence(diagnostics: Diagnostics) -> str:
     """Describe the lag of each motion behind the speech."""
-    lags = {name: versions.raw.lag for name, versions in diagnostics.all_motions.items()}
+    lags = {name: versions.raw.lag for name, versions in diagnostics.metrics_by_name.items()}
     sentences = [
         f"{name} {lag.lag_s:z.2f} s (95 % confidence interval {lag.lag_low_s:z.2f} to "
         f"{lag.lag_high_s:z.2f}, measured from the {lag.lag_source})"

@@ -34,7 +34,7 @@ MIN_CLIPS_FOR_CLAIM = 10
 """Fewest clips for a claim: with fewer, an interval over clips is too wide to separate systems that
 differ by a tenth.
 """
-LOW_JERK_RATIO = 0.8
+LOW_RATIO = 0.8
 """Share of the reference's jerk below which a motion is called calmer, and of its speed below which
 it is called less moving, as jerk falls with speed.
 """
@@ -138,7 +138,7 @@ def _ablation_sentences(
         as_claimed, has = (
             ("as the paper claims", "has")
             if _is_calmer(ratio)
-            else ("unlike the paper's claim", "does not clearly have")
+            else ("contrary to the paper's claim", "does not clearly have")
         )
         which = (
             ""
@@ -195,14 +195,14 @@ def _lower_jerk_sentences(table: Table, names: Mapping[str, str]) -> list[str]:
     for name, label in names.items():
         jerk, speed = share(name, JERK), share(name, SPEED)
         # By the numbers as they are printed.
-        if jerk is None or jerk.interval_includes_one or round(jerk.value, 2) >= LOW_JERK_RATIO:
+        if jerk is None or jerk.interval_includes_one or round(jerk.value, 2) >= LOW_RATIO:
             continue
         if speed is None:
-            sentences.append(f"{label} ({_as_percent(jerk)} of its jerk)")
+            sentences.append(f"{label} ({_as_percent(jerk)} of the reference's jerk)")
             continue
         moves = round(speed.value, 2)
         how = "moves about as much" if moves >= AS_FAST else "moves slightly less"
-        how = "moves less, possibly over-smoothed" if moves < LOW_JERK_RATIO else how
+        how = "moves less, possibly over-smoothed" if moves < LOW_RATIO else how
         shares = f"{_as_percent(jerk)} of the reference's jerk, {_as_percent(speed)} of its speed"
         sentences.append(f"{label} ({shares}: {how})")
     return [f"Less jerk than the reference: {join_names(sentences)}."] if sentences else []

@@ -30,7 +30,7 @@ from model.plan.style import LiveStyle
 from model.speech.audio import write_wav
 from model.speech.features import StreamingMelEncoder
 
-SHORTEST_S = 0.5 / FPS
+MIN_CUT_EVENT_S = 0.5 / FPS
 """Shortest remainder (s) of an event that is cut."""
 PLAN_LISTS = ("left", "right", "nods", "looks", "brows", "smiles", "blinks", "stands", "planted")
 
@@ -73,7 +73,7 @@ def _cut(events: list[Any], start_s: float, end_s: float) -> list[Any]:
                 pieces.append(one)
             continue
         begins, ends = max(one.start_s, start_s), min(one.end_s, end_s)
-        if ends - begins >= SHORTEST_S:
+        if ends - begins >= MIN_CUT_EVENT_S:
             pieces.append(replace(one, start_s=begins, end_s=ends))
     return pieces
 
@@ -154,7 +154,7 @@ MAX_DELAY_S = 8.0
 MAX_WINDOW_MS = 400.0
 """Most CPU time (ms) of a window: with more, a body alone on a machine lags by more than 1.5 s."""
 TRIAL_WINDOWS = 3
-PLANNING_STEPS = 4
+SAMPLING_STEPS_WITH_PLAN = 4
 """Sampling steps of systems that also plan: with six, half of them could not keep up."""
 MessageCallback = Callable[[bytes | dict[str, Any]], None]
 
@@ -202,7 +202,7 @@ class LiveSession:
         self._features = StreamingMelEncoder()
         self.plans = system.condition_type is GesturePlan
         """True if the system performs plans, so that the style sliders have an effect."""
-        steps = PLANNING_STEPS if self.plans else None
+        steps = SAMPLING_STEPS_WITH_PLAN if self.plans else None
         options = GenerateOptions(sampling.speaker or "", seed=sampling.seed, steps=steps)
         self._live = LiveGenerator(system, options, self.pace)
         self._manner: LiveStyle | None = None
@@ -256,7 +256,7 @@ class LiveSession:
                 self._due_since = self._clock()
         if not self._live.is_due:
             return
-        behind_s = self._live.num_waiting_frames / FPS
+        behind_s = self._live.num_generatable_frames / FPS
         if behind_s > MAX_DELAY_S:
             who = "one visitor" if num_sessions == 1 else f"{num_sessions} visitors at once"
             raise RunError(TOO_SLOW.format(visitors=who, behind=behind_s))
@@ -285,7 +285,7 @@ class LiveSession:
         """Median CPU time of a window (ms); NaN before the first."""
         return statistics.median(self._costs) if self._costs else float("nan")
 
-    def save_recording(self, folder: Path) -> GenerateRequest:
+    def save_last_minute(self, folder: Path) -> GenerateRequest:
         """Write the last minute to a folder; return its request; raises RunError if too little."""
         minute = self.minute.recording()
         wav, npz, plan = (folder / f"live.{ending}" for ending in ("wav", "npz", "plan.json"))

@@ -24,7 +24,7 @@ from model.systems.registry import representatives
 from processes.child import parent_channel
 
 MAX_SESSIONS = 10
-MAX_SESSIONS_EACH = 6
+MAX_SESSIONS_PER_ADDRESS = 6
 """Most sessions of one address, so that other visitors find places."""
 MAX_ENDED_SESSIONS = 20
 KEEP_S = 600.0
@@ -96,8 +96,8 @@ class SessionScheduler:
         if len(others) >= MAX_SESSIONS:
             raise RunError(MACHINE_FULL.format(limit=MAX_SESSIONS))
         near = sum(of.address == address for of in others) if address else 0
-        if near >= MAX_SESSIONS_EACH:
-            raise RunError(FULL_EACH.format(limit=MAX_SESSIONS_EACH))
+        if near >= MAX_SESSIONS_PER_ADDRESS:
+            raise RunError(FULL_EACH.format(limit=MAX_SESSIONS_PER_ADDRESS))
         for each in mine:
             self._end(each, TAKEN_OVER)
         system = self.load_and_warm_up(options.systems[0], options.speaker or "")
@@ -110,7 +110,7 @@ class SessionScheduler:
         for session in (*self.open.values(), *self.ended):
             is_it = secrets.compare_digest(session.token.encode(), token.encode())
             if is_it and session.cookie == cookie:
-                return session.save_recording(folder)
+                return session.save_last_minute(folder)
         raise RunError(NOT_THERE)
 
     def generate_next_window(self) -> bool:

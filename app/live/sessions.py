@@ -41,7 +41,7 @@ MAX_S = 30 * 60.0
 """Longest sound of one session (s)."""
 MAX_AHEAD_S = 3.0
 """Sound (s) that may arrive ahead of real time, as networks deliver in bursts."""
-RATE_WINDOW_S = 20.0
+SOUND_ARRIVAL_WINDOW_S = 20.0
 """Interval (s) in which sound for at least a quarter must arrive; else the session is ended."""
 QUIET_S = 180.0
 """Longest silence (s), after which the microphone counts as forgotten."""
@@ -50,7 +50,7 @@ SILENCE_LEVEL = 0.001
 
 TOO_LONG = "A live session lasts at most {minutes:g} minutes; start another one."
 TOO_FAST = (
-    "The audio is {ahead:.0f} s ahead of real time; at most {limit:g} s are allowed. Use a live "
+    "The audio is {ahead:.1f} s ahead of real time; at most {limit:g} s are allowed. Use a live "
     "microphone, then start again."
 )
 TOO_LITTLE = (
@@ -90,7 +90,7 @@ class AudioGuard:
             raise RunError(TOO_QUIET.format(minutes=QUIET_S / 60))
         self._watched_samples += len(samples)
         watched_s = now - self._watched_since
-        if watched_s >= RATE_WINDOW_S:
+        if watched_s >= SOUND_ARRIVAL_WINDOW_S:
             came_s = self._watched_samples / SAMPLE_RATE
             if came_s < watched_s / 4:
                 raise RunError(TOO_LITTLE.format(came=came_s, seconds=watched_s))
@@ -145,7 +145,7 @@ class LiveSessions:
             self._microphones.pop(number, None)
             self._send(number, "close")
 
-    def save_recording(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
+    def save_last_minute(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
         """Make the request for a run of a session's last minute, with its files in a folder.
 
         The session must be open or have ended lately, and belong to this browser, else RunError.

@@ -24,7 +24,7 @@ from pydantic import ValidationError
 
 from app.errors import visitor_message, without_folders
 from conventions.names import printable
-from model.storage.json_validation import validation_message
+from model.storage.json_validation import first_error_clause
 
 if TYPE_CHECKING:
     import gradio as gr
@@ -205,7 +205,7 @@ def _explain_wrong_calls() -> None:
             if any(frame.filename.startswith(_OWN_FUNCTIONS) for frame in frames):
                 raise gr.Error(visitor_message(error), print_exception=False) from None
             message = (
-                validation_message(error)
+                first_error_clause(error)
                 if isinstance(error, ValidationError)
                 else str(error)[:_MAX_READ]
             )

@@ -18,7 +18,7 @@ from app import text
 from app.errors import RunError
 from app.page.parts import markup
 from app.page.results.run_view import RunView
-from app.page.results.tables import clips_html, jerk_bars, runs_title
+from app.page.results.tables import jerk_bars, jerk_by_clip_html, runs_title
 from app.page.routes.media import VIEWER_ASSETS
 from app.page.theme import PLAYER_CSS, make_theme
 from app.run.frame_packets import MAX_FRAMES
@@ -88,7 +88,7 @@ def standalone_html(folder: Path) -> str:
     runs = find_runs(folder) or {"": folder}
     run_views = {clip: RunView(run, to_url, name=f"alone{clip}") for clip, run in runs.items()}
     records = {clip: run_view.record for clip, run_view in run_views.items()}
-    over_clips = clips_html(records)
+    over_clips = jerk_by_clip_html(records)
     for record in records.values():
         for row in record.rows:
             row.files = {kind: row.files[kind] for kind in _PLAYED if kind in row.files}

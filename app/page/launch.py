@@ -28,7 +28,7 @@ from app.config import (
     use_matplotlib_file_backend,
 )
 from app.errors import RunError, message_for_user
-from app.flags import family_files_annotation, parse_command, set_family_files
+from app.flags import export_family_files, family_files_annotation, parse_command
 from app.page import gradio_changes
 from model.systems.registry import families, unavailable_family_messages
 
@@ -44,7 +44,7 @@ PORT_TAKEN = (
 )
 log = logging.getLogger(__name__)
 _is_ending = threading.Event()
-FIRST_S = 6.0
+WARM_UP_DELAY_S = 6.0
 """Time (s) for which the warm-up leaves both cores to a browser that opened at once."""
 
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -59,7 +59,7 @@ END_WITHIN_S = 15.0
 def apply_family_files(
     flags: Annotated[AppConfig, arg(name="")], files: Annotated[Any, family_files_annotation()]
 ) -> AppConfig:
-    set_family_files(vars(files))
+    export_family_files(vars(files))
     return flags
 
 
@@ -122,7 +122,7 @@ def _make_services(config: AppConfig, preloads_models: bool) -> Services:
     for sentence in unavailable_family_messages():
         log.warning("%s", sentence)
     for family in families():
-        if (reason := family.single_speech_reason()) is not None:
+        if (reason := family.one_recording_only_reason()) is not None:
             raise RunError(f"The page cannot start: it must accept any speech, but {reason}")
     catalogue = read_catalogue(config.weights, tuple(sorted(EXAMPLES.glob("*.wav"))))
     proxies = (*LOCAL_PROXIES, *config.trusted_proxies)
@@ -314,7 +314,7 @@ def _warm_up(worker: Worker) -> None:
         from app.page.routes.media import warm_caches
 
         warm_caches()
-        time.sleep(FIRST_S)
+        time.sleep(WARM_UP_DELAY_S)
         worker.start()
     except Exception:
         if not _is_ending.is_set():  # otherwise threads and processes cannot be started

@@ -1,8 +1,7 @@
 """Worker processes for tasks, with limits on memory, run time and time without progress.
 
 A task is a function of a request and callbacks, imported by name in the worker. The worker loads
-the models once and is reused; it is replaced if it ignores a cancellation, exceeds a limit or has
-grown.
+the models once and is reused until it ignores a cancellation, exceeds a limit or has grown.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ ENDED = "The process of this run"
 FOR_MEMORY = (
     "runs are limited to {gigabytes:.1f} GB of memory here; use shorter speech or fewer systems"
 )
-AGAIN = "start it again; a new process will be used"
+AGAIN = "start the run again; a new process will be used"
 
 
 @dataclass(frozen=True)
@@ -99,8 +98,7 @@ class Worker:
         """Do a task as soon as the previous one is done.
 
         Raises Cancelled if the task stopped within `GRACE_S` of its cancellation, or was ended;
-        RunError with the sentence of the error, or of the exceeded limit; WorkerError for a fault
-        of the program.
+        RunError with the sentence of the error or exceeded limit; WorkerError for a program fault.
         """
         while not callbacks.should_cancel():
             if self._turn.acquire(timeout=_POLL_S):

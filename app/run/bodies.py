@@ -38,7 +38,7 @@ FOOT_JOINT_HEIGHT_M = 0.05
 """Height of the foot joint above the floor (m), as in recorded clips."""
 
 
-def align_to_origin(motion: Motion) -> Motion:
+def align_average_to_origin(motion: Motion) -> Motion:
     """Align a motion to the origin, with a rotation about the vertical and a translation.
 
     The hips face +z on average, the median pelvis is above the origin and the lower foot is on the
@@ -64,7 +64,7 @@ class RootTransform:
 
 
 def alignment_to_origin(motion: Motion) -> RootTransform:
-    """Compute the root transform that `align_to_origin` applies."""
+    """Compute the root transform that `align_average_to_origin` applies."""
     skeleton = open_body_skeleton()
     joints = track_points(motion, skeleton).joints
     across = (joints[:, JOINT_INDEX["left_hip"]] - joints[:, JOINT_INDEX["right_hip"]]).mean(axis=0)
@@ -82,7 +82,7 @@ MAX_FRAMES = 10_800
 """Maximum number of frames of all videos of a run together: six of one minute."""
 
 
-def align_and_cut_motions(
+def align_and_cap_lengths(
     motions: Mapping[str, Motion],
 ) -> tuple[dict[str, Motion], tuple[str, ...]]:
     """Align the motions and cut them to a renderable length; return them with notes on the cuts."""
@@ -92,7 +92,7 @@ def align_and_cut_motions(
         f"The viewer and the videos show only the first {longest / FPS:.0f} s of {', '.join(cut)}."
     )
     placed = {
-        name: align_to_origin(first_frames(motion, min(motion.num_frames, longest)))
+        name: align_average_to_origin(first_frames(motion, min(motion.num_frames, longest)))
         for name, motion in motions.items()
     }
     return placed, (note,) if cut else ()

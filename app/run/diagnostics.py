@@ -52,7 +52,7 @@ def measure_motions(
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
     on_share: Callable[[float], None] = lambda share: None,
     windows: Mapping[str, Windowing] | None = None,
-    speech_bands: Float[np.ndarray, "T bands"] | None = None,
+    speech_log_mel: Float[np.ndarray, "T bands"] | None = None,
     protocol_inputs: ProtocolInputs | None = None,
 ) -> Diagnostics:
     """Compute all metrics and findings of the motions.
@@ -62,7 +62,7 @@ def measure_motions(
         onsets_s: onset times of the speech, for BeatAlign.
         on_share: called with the fraction done, 0 to 1, for each motion raw and filtered, more than
             once for a long one; an exception from it stops the work.
-        speech_bands: log-mel bands of the speech per motion frame, for the lag of motions.
+        speech_log_mel: log-mel bands of the speech per motion frame, for the lag of motions.
         protocol_inputs: published mean speeds for BeatAlign, and inputs of published protocols.
     """
     done, count = 0, 2 * len(motions)
@@ -79,7 +79,7 @@ def measure_motions(
         open_body_skeleton(),
         reference=motions.get(REFERENCE_NAME),
         windows=windows,
-        speech_bands=speech_bands,
+        speech_log_mel=speech_log_mel,
         protocol_inputs=protocol_inputs,
         tip_track=follow,
         tracked_point_source=tracker.position_kind,
@@ -113,7 +113,7 @@ def write_diagnostics(
 
 def _rows(diagnostics: Diagnostics) -> Iterator[tuple[str, str, str, str, float, str]]:
     protocol_by_metric = diagnostics.protocol_by_metric
-    for name, versions in diagnostics.all_motions.items():
+    for name, versions in diagnostics.metrics_by_name.items():
         for post_filter, values in versions.as_json().items():
             published = values.pop("protocols", {})
             for measure, value in values.items():
@@ -207,7 +207,7 @@ def make_jitter_sheet(
     diagnostics: Diagnostics, tracker: PointTracker, names: Sequence[str]
 ) -> JitterSheet:
     """Make the content of the jitter sheet of some systems."""
-    of_all = diagnostics.all_motions
+    of_all = diagnostics.metrics_by_name
     shown = {name: of_all[name] for name in (REFERENCE_NAME, *names) if name in of_all}
     windows = diagnostics.windows
     return JitterSheet(

@@ -52,7 +52,7 @@ class Display:
     trail_frames: Suppress[int] = 30
     """Length of the trail in frames."""
     max_jerk_m_s3: Suppress[float] = 500.0
-    """Jerk (m/s³) at the end of the colour scale and from which the trail has a dot. The jerk of
+    """Jerk (m/s³) at the end of the colour scale; above it, the trail has dots. The jerk of
     recorded speakers' fingertips exceeds the default in one frame of a hundred."""
 
     @property
@@ -116,7 +116,7 @@ class ViewerSettings(BrowserMessage):
     """Body shape of the open body; tone and build do not apply to a licensed body."""
     has_bones: bool = False
     has_axes: bool = False
-    """True shows axes of joints. Videos have neither these nor skeletons, and a note about that."""
+    """True to show joint axes. Videos show neither axes nor skeletons; a note says so."""
 
     @property
     def display(self) -> Display:
@@ -126,7 +126,7 @@ class ViewerSettings(BrowserMessage):
 
 
 Mode = Literal["grid", "ghost", "wipe", "flicker"]
-MAX_SHOWN = 12
+MAX_VIDEO_BODIES = 12
 """Maximum number of bodies in one video."""
 MAX_BODIES = 64
 """Maximum number of bodies in the viewer, hidden ones included, as cameras frame all of them."""
@@ -146,7 +146,7 @@ class ViewerPanel(BrowserMessage):
     rect: Four
     """Left, top, width and height."""
     view: Literal["face", "left_hand", "right_hand"] | None = None
-    """View of a close-up; None is the body."""
+    """View of a close-up; None for the body's panel."""
 
 
 class ViewerBody(BrowserMessage):
@@ -155,7 +155,7 @@ class ViewerBody(BrowserMessage):
     label: Label
     motion_url: str
     color: Color
-    """Colour of the body's row."""
+    """Colour that identifies the motion on the page."""
 
 
 class ViewerState(BrowserMessage):
@@ -166,14 +166,14 @@ class ViewerState(BrowserMessage):
     visible: Annotated[
         tuple[Annotated[int, Field(ge=0)], ...], Field(max_length=MAX_BODIES, alias="shown")
     ]
-    """Indices of the visible bodies, from 0 on and in their order; for a pair, both of it."""
+    """Zero-based indices of the visible bodies, in display order; for a pair, both bodies."""
     picture_size: tuple[Side, Side]
     """Width and height of one body's picture, or of the whole picture of a pair."""
     panels: Annotated[
         tuple[Annotated[tuple[ViewerPanel, ...], Field(max_length=4)], ...], Field(max_length=2)
     ]
-    """Panels of every picture, or, for a pair, those of each; the body's panel is the first."""
-    columns: Annotated[int, Field(ge=1, le=MAX_SHOWN)] = 1
+    """Panels that all pictures share, or those of each body of a pair; the first shows the body."""
+    columns: Annotated[int, Field(ge=1, le=MAX_VIDEO_BODIES)] = 1
     """Number of pictures per row."""
     mode: Mode = "grid"
     """Comparison mode of a pair; ``grid`` shows bodies side by side."""
@@ -186,7 +186,7 @@ class ViewerState(BrowserMessage):
     """Camera position, with the fields of `Orbit`."""
     sound_url: str | None = None
     has_character: bool = False
-    """True if the bodies are the visitor's own character."""
+    """True if the bodies are drawn as the user's own character."""
 
     @classmethod
     def parse(cls, message: object) -> ViewerState:
@@ -202,10 +202,10 @@ class ViewerState(BrowserMessage):
         """Check that the viewer can have this state; raises RunError."""
         if not self.bodies:
             raise RunError("There is no body in the viewer yet. Wait until one is shown.")
-        if not 1 <= len(self.visible) <= MAX_SHOWN:
+        if not 1 <= len(self.visible) <= MAX_VIDEO_BODIES:
             raise RunError(
-                f"A video can show 1 to {MAX_SHOWN} bodies; the viewer shows {len(self.visible)}. "
-                "Enlarge one body, or compare two."
+                f"A video can show 1 to {MAX_VIDEO_BODIES} bodies; the viewer shows "
+                f"{len(self.visible)}. Enlarge one body, or compare two."
             )
         is_pair = self.mode != "grid"
         fits = len(self.panels) == 1 + is_pair and not (is_pair and len(self.visible) != 2)

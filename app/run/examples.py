@@ -34,7 +34,7 @@ CALMER = 0.9
 RECORDED = "recorded"
 
 
-def write_faulty_example_files(folder: Path) -> list[str]:
+def write_faulty_example(folder: Path) -> list[str]:
     """Write the faulty motion once; return paths of it, its reference, speech and transcript."""
     from model.motion.motion import load_motion, save_motion
 

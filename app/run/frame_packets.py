@@ -61,32 +61,32 @@ _SHOULDERS_RAD, _ELBOWS_RAD = 1.15, 1.9
 @functools.cache
 def make_open_body_glb() -> bytes:
     """Return the GLB file of the open body, made at the first call."""
-    from renderer.body.lod import NUM_DRAWN, open_body_lod_faces
+    from renderer.body.lod import NUM_COARSER, open_body_lod_faces
     from renderer.files.glb import glb_bytes
 
     body = get_body(None)
     return glb_bytes(
-        body, camera_framing_poses(body), coarser_faces=open_body_lod_faces()[NUM_DRAWN - 1 :]
+        body, camera_framing_poses(body), coarser_faces=open_body_lod_faces()[NUM_COARSER - 1 :]
     )
 
 
 def write_viewer_body(source_and_target: tuple[Path, Path], *_: object) -> None:
     """Write a visitor's character, the first file, as the viewer's mesh, the second."""
     from renderer.body.body import load_body
-    from renderer.body.lod import clustered_lod_faces
+    from renderer.body.lod import character_lod_faces
     from renderer.files.glb import glb_bytes
 
     source, target = source_and_target
     body = load_body(source)
-    target.write_bytes(glb_bytes(body, camera_framing_poses(body), clustered_lod_faces(body)))
+    target.write_bytes(glb_bytes(body, camera_framing_poses(body), character_lod_faces(body)))
 
 
 @functools.cache
-def open_body_build_bytes() -> bytes:
+def encode_open_body_builds() -> bytes:
     """Return vertex offsets of the open body's other shapes for app/page/web/stage/builds.js."""
-    from renderer.files.glb import body_build_bytes
+    from renderer.files.glb import body_build_offsets_bytes
 
-    return body_build_bytes()
+    return body_build_offsets_bytes()
 
 
 def encode_camera_framing_poses() -> bytes:

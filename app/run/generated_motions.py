@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.run.bodies import align_to_origin, make_point_tracker
+from app.run.bodies import align_average_to_origin, make_point_tracker
 from app.run.diagnostics import cached_speech_onsets, check_figure6
 from app.run.models import get_body, get_system
 from app.run.output.provenance import make_provenance, run_title
@@ -142,7 +142,7 @@ def generate_motions(
         onsets_s=cached_speech_onsets(speech),
         windows=_windows(request, systems),
         provenance=make_provenance(request, speech, systems, options, body, backend),
-        align=align_to_origin,
+        align=align_average_to_origin,
         speech_name=printable(request.speech.path.stem),
     )
 
@@ -388,9 +388,8 @@ def write_plan_from_motion(
 def write_plan_from_speech(request: PlanRequest) -> PlanResult:
     """Sample a gesture plan from speech and write it; return it with notes on its style.
 
-    An empty plan has the length of the speech and no events. Raises RunError, SpeechError,
-    TranscriptError, UnknownNameError, CheckpointError, PlanError, WriteError, each with one
-    sentence.
+    An empty plan has the length of the speech and no events. Raises with one sentence RunError,
+    SpeechError, TranscriptError, UnknownNameError, CheckpointError, PlanError or WriteError.
     """
     request.check()
     check_plan_suffix(request.out)

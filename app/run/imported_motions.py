@@ -15,7 +15,7 @@ from app.run.diagnostics import cached_speech_onsets, check_figure6
 from app.run.models import get_body
 from app.run.output.provenance import motion_labels
 from app.run.output.run_folder import SPEECH as HEARD
-from app.run.output.run_folder import row_files, safe_suffix
+from app.run.output.run_folder import row_files, suffix_or_empty
 from app.run.requests.parts import MAX_COMPARED
 from app.run.requests.requests import DiagnoseRequest
 from app.run.run_writer import RunMotions, RunWriter
@@ -83,7 +83,7 @@ def import_motions(
         rates = {name: each.source_fps for name, each in readings.items()}
         notes += [*speech.notes, *length_notes(speech.duration_s, durations, rates)]
     run.report_progress("speech", 1.0)
-    staged, cut_notes = bodies.align_and_cut_motions(shown)
+    staged, cut_notes = bodies.align_and_cap_lengths(shown)
     plans = (
         {}
         if request.motions.source_run is None
@@ -94,7 +94,7 @@ def import_motions(
     )
     run.add_notes(*cut_notes)
     for row in run.record.rows:
-        row.source_suffix = safe_suffix(files[row.name])
+        row.source_suffix = suffix_or_empty(files[row.name])
     if len(shown) < len(motions) and not request.motions.visible:
         run.add_notes(
             f"The figures show only the first {MAX_COMPARED} motions; others can be chosen "
@@ -109,7 +109,7 @@ def import_motions(
         tracker=tracker,
         audio_path=request.speech.path if is_first_track else run.folder.current_path(HEARD),
         onsets_s=None if speech is None else cached_speech_onsets(speech),
-        speech_bands=None if speech is None else speech_bands_by_frame(speech.waveform),
+        speech_log_mel=None if speech is None else speech_bands_by_frame(speech.waveform),
         protocol_inputs=protocol_inputs(
             request, speech, max(each.num_frames for each in motions.values())
         ),

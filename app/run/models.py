@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from conventions.views import BODY_LOOKS
 from model.speech.librosa_cache import import_in_background
 from model.storage.files import FileStamps, file_stamps
-from model.systems.registry import list_systems, load_system, possible_system_files
+from model.systems.registry import files_affecting_system, list_systems, load_system
 from processes.pool import JobPool
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ _LOADING = threading.Lock()  # warm-up and first visitor must not load the same 
 def get_system(name: str, weights: Path) -> System:
     """Return a system, loaded again when its files have changed; raises as `load_system`."""
     with _LOADING:
-        return _load_system(name, weights, file_stamps(possible_system_files(name, weights)))
+        return _load_system(name, weights, file_stamps(files_affecting_system(name, weights)))
 
 
 def get_body(path: Path | None, look: str = BODY_LOOKS[0]) -> Body:

@@ -20,7 +20,7 @@ from typing import TypeVar
 from app import text
 from app.errors import RunError
 from app.findings.sentences import figure_sentences
-from app.run.bodies import align_and_cut_motions, body_motion, make_point_tracker
+from app.run.bodies import align_and_cap_lengths, body_motion, make_point_tracker
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.diagnostics import (
     check_figure6,
@@ -39,7 +39,7 @@ from app.run.requests.parts import FigureOptions, VideoOptions
 from app.run.requests.requests import (
     AnyRun,
     DiagnoseRequest,
-    FigureRequest,
+    Figure6Request,
     GenerateRequest,
     RunRequest,
 )
@@ -66,16 +66,15 @@ _POSES = 0.6
 """Share of the figures' progress bar for rendering the poses."""
 Request = TypeVar("Request", bound=RunRequest)
 MEASURED = "Measured {motions}."
-OPENED = "Opened the run from its file and measured {motions} again."
+OPENED = "Opened the saved run and measured {motions} again."
 
 
 def generate(request: GenerateRequest, callbacks: RunCallbacks = NO_CALLBACKS) -> RunResult:
     """Generate motion for a speech with several systems, and write motions, metrics and figures.
 
-    The results are published in the request's folder all together or not at all. Raises Cancelled,
-    and RunError, SpeechError, MotionError, TranscriptError, BodyError, UnknownNameError,
-    CheckpointError, GLError, VideoError, FigureError, WriteError, each with one sentence for the
-    user.
+    The results are published in the request's folder together or not at all. Raises Cancelled, or
+    with one sentence for the user RunError, SpeechError, MotionError, TranscriptError, BodyError,
+    UnknownNameError, CheckpointError, GLError, VideoError, FigureError or WriteError.
     """
     started = time.monotonic()
     request.check()
@@ -194,7 +193,7 @@ def _measure(motions: RunMotions, run: RunWriter) -> Diagnostics:
         motions.onsets_s,
         on_share,
         motions.windows,
-        speech_bands=motions.speech_bands,
+        speech_log_mel=motions.speech_log_mel,
         protocol_inputs=motions.protocol_inputs,
     )
 
@@ -302,12 +301,11 @@ def snapshot_frames(motions: Mapping[str, Motion], figures: FigureOptions) -> tu
 
 
 def redraw_figure6(
-    request: FigureRequest, callbacks: RunCallbacks = NO_CALLBACKS
+    request: Figure6Request, callbacks: RunCallbacks = NO_CALLBACKS
 ) -> tuple[Path, ...]:
     """Draw Figure 6 of a finished run from the motions in its folder; return the files.
 
-    Raises Cancelled, and RunError, MotionError, BodyError, GLError, FigureError, each with one
-    sentence.
+    Raises Cancelled, RunError, MotionError, BodyError, GLError or FigureError.
     """
     record, figures = read_run(request.run), request.figures
     files = row_files(request.run, "motion")
@@ -320,7 +318,7 @@ def redraw_figure6(
     check_figure6(figures, min(each.num_frames for each in motions.values()), len(motions))
     snapshots = videos.Snapshots(snapshot_frames(motions, figures))
     if "b" in figures.figure_panels and not rendering_unavailable_reason():
-        placed, video = align_and_cut_motions(motions)[0], _small(VideoOptions(body=request.body))
+        placed, video = align_and_cap_lengths(motions)[0], _small(VideoOptions(body=request.body))
         on_share = callbacks.progress_callback("figure", _POSES)
         snapshots = videos.draw_snapshots(
             placed, video, get_body(request.body), on_share, snapshots.frames

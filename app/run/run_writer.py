@@ -107,7 +107,7 @@ class RunMotions:
     onsets_s: np.ndarray | None
     windows: Mapping[str, Windowing]
     """Generation windows by motion, if known."""
-    speech_bands: np.ndarray | None = None
+    speech_log_mel: np.ndarray | None = None
     """Log-mel bands of the speech per motion frame (T, bands), for estimating the lag of imported
     motions; None without speech."""
     protocol_inputs: ProtocolInputs | None = None
@@ -321,7 +321,7 @@ class RunWriter(RunCallbacks):
         """Record the final metrics, findings and verdict."""
         record, is_made = self.record, self.record.kind == "generated"
         record.tracked_point = diagnostics.tracked_point
-        of_all = sorted(diagnostics.all_motions.items(), key=lambda of: of[0] != REFERENCE_NAME)
+        of_all = sorted(diagnostics.metrics_by_name.items(), key=lambda of: of[0] != REFERENCE_NAME)
         apart = parts_others_have(diagnostics.missing_parts)
         record.metrics = {
             name: {

@@ -84,8 +84,7 @@ def with_joint_snaps(
         findings: by name of a motion, the most severe first.
 
     Returns:
-        The timeline; seconds of snaps have ``joint``, ``snap_deg`` and ``is_gravest`` in place of
-        ``jerk_m_s3``.
+        The timeline; snaps have ``joint``, ``snap_deg`` and ``is_gravest``, and no ``jerk_m_s3``.
     """
     snaps = [
         (each.deviation, _second_of(name, each, of_motion[0], timeline["duration_s"]))
@@ -154,9 +153,8 @@ def make_timeline(
 
     Returns:
         ``duration_s``, ``fps``, ``peaks`` (0 to 100), ``onsets_s``, ``point`` (its title), and
-            ``curves`` by motion: each of `CURVE_DERIVATIVES` for ``raw`` and ``savgol``, but only
-            the latter for filtered motion. ``worst`` are the `worst_seconds` of the motions without
-            the reference.
+            ``curves`` by motion: each of `CURVE_DERIVATIVES` for ``savgol`` and, unless filtered,
+            ``raw``. ``worst`` are the `worst_seconds` of all motions but the reference.
     """
     tracks = {name: tracker.track(each) for name, each in motions.items() if name != REFERENCE_NAME}
     accents = detect_pitch_accents(speech, accent_weights) if speech and accent_weights else ()

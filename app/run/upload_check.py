@@ -14,7 +14,7 @@ from typing import Literal
 from zipfile import BadZipFile, is_zipfile
 
 from app.errors import RunError, message_for_user
-from app.run.requests.parts import MAX_CLIPS
+from app.run.requests.parts import MAX_PAGE_CLIPS
 from conventions.names import printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
 from model.storage.files import open_limited_zip
@@ -108,8 +108,8 @@ def checked_total_s(speeches: Sequence[Path], max_total_s: float) -> float:
     """Check and return the total length (s) of clips; raises RunError or SpeechError."""
     from model.speech.audio import SpeechReadOptions, load_speech
 
-    if len(speeches) > MAX_CLIPS:
-        raise RunError(TOO_MANY_CLIPS.format(limit=MAX_CLIPS, count=len(speeches)))
+    if len(speeches) > MAX_PAGE_CLIPS:
+        raise RunError(TOO_MANY_CLIPS.format(limit=MAX_PAGE_CLIPS, count=len(speeches)))
     lengths = [
         load_speech(path, SpeechReadOptions(max_s=max_total_s)).duration_s for path in speeches
     ]

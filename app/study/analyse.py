@@ -25,7 +25,7 @@ class AnalysisRequest:
     """Key of the study; None for a table of battles."""
     out: Path
     diagnostics: Path | None = None
-    """Folder of measured clips (see `app.study.statistics.results.read_jerk`)."""
+    """Folder with CLIP/diagnostics.json of each clip, to compare the answers with its jerk."""
 
 
 def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:

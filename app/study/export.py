@@ -24,7 +24,7 @@ from app.study.design.plan import StudyPlan, read_study_plan
 from app.study.design.trials import Design, make_design
 from app.study.leaks import find_leaks
 from app.study.make import media
-from app.study.make.bundle import write_bundle_page, write_records
+from app.study.make.bundle import finish_bundle, write_records
 from app.study.make.export_folders import ExportFolders, ExportRequest
 from app.study.make.motions import ClipInputs, make_clip_motions, read_all_clip_inputs
 from conventions.views import View
@@ -80,7 +80,7 @@ def export_study(
         key = _key(plan, design, folders, inputs_digest)
         maker = _VideoMaker(plan, folders, weights, body, draw, callbacks)
         key = maker.make_all(key, sources)
-        write_bundle_page(plan, design, key, folders)
+        finish_bundle(plan, design, key, folders)
         write_records(plan, design, key, sources, weights, body, folders)
         folders.remove_unfinished()
         leaks = find_leaks(out)
@@ -177,7 +177,9 @@ class _VideoMaker:
         # The rest of the bit rate is padding. Shares follow the blind names, which reveal nothing,
         # so that the padding reveals nothing either.
         ranked = sorted(firsts, key=lambda system: firsts[system])
-        shares = {system: 1 - media.RATE_STEP * rank for rank, system in enumerate(ranked)}
+        shares = {
+            system: 1 - media.RATE_STEP_BETWEEN_VIDEOS * rank for rank, system in enumerate(ranked)
+        }
         streams = self._streams(view, motions, shares, on_progress)
         for stimulus, blind in scene.items():
             track = tracks[stimulus.speech_clip] if stimulus.speech_clip else None

@@ -42,18 +42,13 @@ _ALLOWED_KEYS = {
 _VOCABULARY = {"kind", "press", "attention", *KIND_OF_PROTOCOL.values(), *CHOICES}
 """Words that a trial in the page's data may contain."""
 _MIN_NAME_PART = 4
-_SIZE_CHANCE = {"size": 0, "bit rate": 0, "bytes without padding": 512, "compressed size": 64}
+_SIZE_CHANCE = {"size": 0, "bit rate": 0, "unpadded size": 512, "compressed size": 64}
 """Bytes by which the videos of a scene may differ by chance, per measure.
 
 The encoder misses its rate by a step of its quantiser in one key frame, which is much of a video of
 half a second and nothing of one of ten; equally filled videos compress a little differently.
 """
-_SIZE_SPREAD = {
-    "size": 0.02,
-    "bit rate": 0.02,
-    "bytes without padding": 0.1,
-    "compressed size": 0.001,
-}
+_SIZE_SPREAD = {"size": 0.02, "bit rate": 0.02, "unpadded size": 0.1, "compressed size": 0.001}
 """Largest relative difference beyond chance, per measure.
 
 Bytes without padding are those of the frames; compressed size shows other padding.
@@ -99,7 +94,7 @@ class ExportedStudy:
                     "stimulus": stimulus,
                     "size": file.num_bytes,
                     "bit rate": sum(picture.sample_sizes) / picture.duration_s,
-                    "bytes without padding": media.num_unpadded_bytes(stream),
+                    "unpadded size": media.num_unpadded_bytes(stream),
                     "compressed size": len(zlib.compress(stream)),
                     "duration": str([track.duration_s for track in file.tracks]),
                     "frames": str([len(track.sample_sizes) for track in file.tracks]),
@@ -213,11 +208,11 @@ def _videos(study: ExportedStudy) -> Iterator[str]:
             spread = (largest - least - _SIZE_CHANCE[what]) / max(least, 1)
             if spread > most:
                 yield (
-                    f"{what}: the videos of clip {clip!r} differ by {100 * spread:.3g} % (after a "
+                    f"{what}: the videos of clip {clip!r} differ by {100 * spread:.3g} % (beyond a "
                     f"tolerance of {_SIZE_CHANCE[what]} bytes); at most {100 * most:g} % is "
                     "allowed."
                 )
-    for what in ("size", "bit rate", "bytes without padding"):
+    for what in ("size", "bit rate", "unpadded size"):
         step = _SIZE_CHANCE[what]
         pairs = zip(study.measurements["stimulus"], study.measurements[what], strict=True)
         values = {stimulus: value // step if step else value for stimulus, value in pairs}

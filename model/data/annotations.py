@@ -16,7 +16,7 @@ from tqdm import tqdm
 from conventions.rates import FPS
 from model.data.prepared import Batch, PreparedClip, PreparedData, derived_arrays
 from model.data.recordings import DataError, augmentation_speed
-from model.plan.files import read_corpus_plan
+from model.plan.files import read_corpus_textgrid
 from model.plan.kinds import KindTable, kind_numbers
 from model.plan.plan import SIDES, GesturePlan, PlanError
 from model.plan.plan_features import (
@@ -62,7 +62,7 @@ class PlanAnnotations:
     chains: tuple[dict[str, list[EventOnset]], ...]
     """Event chains of each clip, by tier."""
     kinds: np.ndarray
-    """Gesture type numbers (N, 2) of the left and the right hand (`KindTable.number_of`)."""
+    """Gesture type numbers (N, 2) of the left and the right hand (`KindTable.number_or_zero`)."""
     kind_table: KindTable
 
     def tracks_and_kinds(
@@ -157,7 +157,7 @@ def _annotation_words(path: Path) -> list[str]:
 
 def _annotated_plan(data: PreparedData, clip: PreparedClip) -> GesturePlan:
     try:
-        plan = read_corpus_plan(textgrid_path(data, clip))
+        plan = read_corpus_textgrid(textgrid_path(data, clip))
     except (PlanError, OSError) as error:
         raise DataError(f"{clip.name} has no annotated plan: {error}") from error
     return plan.at_speed(augmentation_speed(clip.name, clip.copy))

@@ -117,8 +117,7 @@ class PreparedData:
     ) -> Batch:
         """Draw ``size`` windows of ``window`` frames, every possible start equally likely.
 
-        Each has ``context`` frames of speech before and after it; at a clip's ends, its ends
-        repeat.
+        Each has ``context`` frames of speech before and after; at a clip's ends, its ends repeat.
         """
         usable = [clip for clip in clips if clip.num_frames >= window]
         if not usable:
@@ -195,7 +194,10 @@ def prepare(
         write_atomically(index_path, json.dumps(manifest))
     index = json.loads(index_path.read_text())
     if index["origin"] != json.loads(json.dumps(origin)):
-        raise DataError(f"{cache} was made by another version or with another encoder; remove it.")
+        raise DataError(
+            f"{cache} was made by another version of this program or with another encoder; remove "
+            "it."
+        )
     clips = tuple(PreparedClip(**clip) for clip in index["clips"])
     speakers = {int(number): name for number, name in index["speakers"].items()}
     arrays = _mapped(cache, columns, clips[-1].stop)
@@ -214,8 +216,7 @@ def derived_arrays(
 ) -> list[np.ndarray]:
     """Map arrays derived from all frames of ``data``, after making them clip by clip if needed.
 
-    Arrays of another ``origin`` are made again; ``by_clip`` yields for each clip in turn its rows
-    of each array.
+    Arrays of another ``origin`` are made again; ``by_clip`` yields each clip's rows of each array.
     """
     index = data.cache_folder / f"{name}.json"
     if not index.is_file() or json.loads(index.read_text()) != origin:

@@ -15,7 +15,7 @@ from model.motion.transforms import change_motion_speed
 from model.speech.audio import Speech, SpeechReadOptions, load_speech
 from model.speech.augment import (
     apply_recording_conditions,
-    change_speech_speed,
+    perturb_speed,
     sample_recording_conditions,
 )
 from model.speech.encoder import SpeechEncoder
@@ -95,7 +95,7 @@ def augmented_copy(motion: Motion, speech: Speech, name: str, copy: int) -> tupl
     """Return a recording at another speed, its speech as if recorded by another microphone."""
     rng, speed = _draws(name, copy)
     waveform = apply_recording_conditions(
-        change_speech_speed(speech.waveform, speed), sample_recording_conditions(rng), rng
+        perturb_speed(speech.waveform, speed), sample_recording_conditions(rng), rng
     )
     return change_motion_speed(motion, speed), replace(speech, waveform=waveform)
 

@@ -43,7 +43,7 @@ from model.plan.editing import (
     scale_gesture,
     set_hold,
 )
-from model.plan.files import read_corpus_plan
+from model.plan.files import read_corpus_textgrid
 from model.plan.kinds import REST_POSITION, USUAL_STROKE_GOALS
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, PlanResult, Side
 from model.plan.plan_features import hand_tracks, plan_tracks
@@ -58,7 +58,7 @@ LAG_TOLERANCE_S = 0.1
 MAX_LAG_S = 0.4
 MIN_PATH_CORRELATION = 0.5
 """Smallest correlation of the wrist's path with the plan's at which a stroke counts as made."""
-MIN_PATH_SHARE = 0.5
+MIN_PATH_LENGTH_SHARE = 0.5
 """Smallest share of the planned path length that the requested hand must move."""
 STILL_M_S = 0.12
 """Largest mean speed (m/s) of a wrist that rests, or is to stay while the other moves."""
@@ -134,7 +134,7 @@ def only_one_hand_moves(
     wish = _path_length(planned[first:stop, hand_tracks(gesture.side)][:, :3])
     if not stays or wish < 0.05:
         return None
-    moves_enough = _path_length(wrists[gesture.side][first:stop]) >= MIN_PATH_SHARE * wish
+    moves_enough = _path_length(wrists[gesture.side][first:stop]) >= MIN_PATH_LENGTH_SHARE * wish
     return moves_enough and bool(_speed(wrists[other])[first:stop].mean() < STILL_M_S)
 
 
@@ -238,7 +238,9 @@ def generate_and_score(
     first = regenerate(system, speech, replace(options, conditions=(plan,)))
     tracks = track_points(first.motion, skeleton)
     wrists = wrist_positions_in_chest_frame(tracks)
-    scores["rests at rest"] += [float(s < STILL_M_S) for s in rest_speeds(wrists, plan)]
+    scores["wrist still in planned rests"] += [
+        float(s < STILL_M_S) for s in rest_speeds(wrists, plan)
+    ]
 
     def again(changed: GesturePlan) -> GenerationState:
         return regenerate(system, speech, replace(options, conditions=(changed,)), first)
@@ -256,7 +258,7 @@ def generate_and_score(
                 gesture.side, edited.plan.hand(gesture.side)
             )
             lags = stroke_lags(new, own, range(end - 1, end + 2))
-            scores["edited stroke in time"] += _within_tolerance(lags)
+            scores["edited stroke on time"] += _within_tolerance(lags)
             alone = only_one_hand_moves(new, edited.plan, gesture)
             if alone is not None:
                 scores["edited hand moves, other hand does not"].append(float(alone))
@@ -266,21 +268,23 @@ def generate_and_score(
                 jerk_before, slide_before = _jerk_and_sliding(tracks, part)
                 scores["jerk, edited / unedited"].append(jerk / jerk_before)
                 if slide_before > 0:
-                    scores["slide, edited / unedited"].append(slide / slide_before)
+                    scores["foot sliding, edited / unedited"].append(slide / slide_before)
     there = [g for side in SIDES for g in gestures(plan, side)]
     inside = [g for g in there if 1 < g.stroke_end_s < plan.duration_s - 1]
     for k in rng.permutation(len(inside))[: max(1, num_edits // 4)]:
         gesture = inside[k]
         larger = _varied(plan, gesture, SIZES, scale_gesture, again)
-        scores["sizes in order"] += _pairwise_order([gesture_size(one, gesture) for one in larger])
+        scores["gesture sizes in planned order"] += _pairwise_order(
+            [distance_from_rest_m(one, gesture) for one in larger]
+        )
         higher = _varied(plan, gesture, HEIGHTS_M, raise_gesture, again)
-        scores["heights in order"] += _pairwise_order(
+        scores["gesture heights in planned order"] += _pairwise_order(
             [_lands_at(one, gesture)[1] for one in higher]
         )
     return motions
 
 
-def fgd_of_edits(clips: Sequence[Sequence[Features]]) -> dict[str, dict[str, float]]:
+def fgd_before_and_after_edits(clips: Sequence[Sequence[Features]]) -> dict[str, dict[str, float]]:
     """Compute the FGD to recorded motion of unedited and edited motion, and their ratio.
 
     ``clips`` holds the codes of each clip: recorded, unedited, edited ones. Edited motion is
@@ -319,7 +323,7 @@ def _pairwise_order(measured: Sequence[float]) -> list[float]:
     return [float(b > a) for a, b in pairwise(measured)]
 
 
-def gesture_size(wrists: WristPositions, gesture: GestureKey) -> float:
+def distance_from_rest_m(wrists: WristPositions, gesture: GestureKey) -> float:
     """Compute a gesture's size: the distance of the stroke's end from the rest position (m)."""
     return math.dist(_lands_at(wrists, gesture), REST_POSITION)
 
@@ -332,7 +336,7 @@ def _lands_at(wrists: WristPositions, gesture: GestureKey) -> Float[np.ndarray, 
 def score_recording(motion: Motion, plan: GesturePlan, scores: Scores) -> None:
     """Evaluate recorded motion against its annotation."""
     wrists = wrist_positions_in_chest_frame(track_points(motion, open_body_skeleton()))
-    scores["recorded: strokes in time"] += _within_tolerance(stroke_lags(wrists, plan))
+    scores["recorded: strokes on time"] += _within_tolerance(stroke_lags(wrists, plan))
     there = [g for side in SIDES for g in gestures(plan, side)]
     alone = [
         only_one_hand_moves(wrists, plan, g)
@@ -359,13 +363,13 @@ def evaluate_adherence(
     for name in rng.permutation(np.array(clip_names))[:num_clips].tolist():
         motion, speech = read_motion_and_speech(folder, name)
         cut = Speech(speech.waveform[: round(SPEECH_S * SAMPLE_RATE)], speech.sha256)
-        plan = read_corpus_plan(folder / "textgrid" / f"{name}.TextGrid")
+        plan = read_corpus_textgrid(folder / "textgrid" / f"{name}.TextGrid")
         recorded = first_frames(motion, cut.num_motion_frames)
         score_recording(recorded, _until(plan, cut.duration_s), scores)
         made = generate_and_score(system, cut, parse_speaker(name)[1], num_edits, rng, scores)
         codes = [motion_features(encoder, motion) for motion in (recorded, *made)]
         encoded_clips.append([one for one in codes if one is not None])
-        yield mean_scores(scores) | fgd_of_edits(encoded_clips)
+        yield mean_scores(scores) | fgd_before_and_after_edits(encoded_clips)
 
 
 def _until(plan: GesturePlan, end_s: float) -> GesturePlan:

@@ -34,7 +34,7 @@ from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
 from model.metrics import speech_effect
 from model.metrics.face import wrist_speed_sum
-from model.metrics.speech_effect import LEAST_FRAMES, SILENCE_S, Grid
+from model.metrics.speech_effect import LEAST_FRAMES, MEASURED_SILENCE_S, Grid
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
@@ -118,7 +118,7 @@ def win_rate(own: Float[Tensor, " N"], others: Float[Tensor, "N M"]) -> float:
     return float(wins.mean())
 
 
-def frame_loudness(
+def frame_loudness_db(
     waveform: Float[np.ndarray, " N"], num_frames: int
 ) -> Float[np.ndarray, " num_frames"]:
     """Compute the level of each motion frame in dB, at least -60 dB of full scale."""
@@ -244,7 +244,7 @@ class SpeakerComparisonClips:
     names: tuple[str, ...]
     speakers: tuple[str, str] | None
     """A calm and a lively speaker; None if a system lacks one: then each clip's own is used."""
-    recording_names: Mapping[str, tuple[str, str]]
+    calm_and_lively_recordings: Mapping[str, tuple[str, str]]
     """Names of a recording of the calm speaker and one of the lively for each clip."""
 
     @staticmethod
@@ -261,9 +261,9 @@ class SpeakerComparisonClips:
 
     def recorded_wrist_speeds(self, folder: Path, name: str) -> dict[str, float]:
         """Compute wrist speeds of the recordings that go with clip ``name``; empty without any."""
-        if name not in self.recording_names or self.speakers is None:
+        if name not in self.calm_and_lively_recordings or self.speakers is None:
             return {}
-        pairs = zip(self.speakers, self.recording_names[name], strict=True)
+        pairs = zip(self.speakers, self.calm_and_lively_recordings[name], strict=True)
         motions = {(speaker, 0): read_motion_and_speech(folder, clip)[0] for speaker, clip in pairs}
         return calm_and_lively_wrist_speeds(motions, self.speakers)
 
@@ -274,7 +274,7 @@ class SpeakerComparisonClips:
         if name not in self.names:
             return {}
         audio = cut_and_append_silence(speech)
-        spoken = audio.num_motion_frames - round(SILENCE_S * FPS)
+        spoken = audio.num_motion_frames - round(MEASURED_SILENCE_S * FPS)
         speakers = self.speakers or (parse_speaker(name)[1],)
         moved = {
             speaker: generate_motion(
@@ -315,9 +315,9 @@ def average_metrics(samples: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def cut_and_append_silence(speech: Speech) -> Speech:
-    """Return the first `SPEECH_S` of a speech, and `SILENCE_S` of digital silence after it."""
+    """Return the first `SPEECH_S` of a speech, then `MEASURED_SILENCE_S` of digital silence."""
     spoken = speech.waveform[: round(SPEECH_S * SAMPLE_RATE)]
-    silence = np.zeros(round(SILENCE_S * SAMPLE_RATE), np.float32)
+    silence = np.zeros(round(MEASURED_SILENCE_S * SAMPLE_RATE), np.float32)
     return replace(speech, waveform=np.concatenate([spoken, silence]))
 
 

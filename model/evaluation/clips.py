@@ -20,7 +20,7 @@ from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
 from model.metrics import beats, face, reference_error, speech_effect
 from model.metrics.reference_error import l1_distance_to_mean
-from model.metrics.speech_effect import SILENCE_S, silence_speed_ratio
+from model.metrics.speech_effect import MEASURED_SILENCE_S, silence_speed_ratio
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
@@ -55,7 +55,7 @@ def clip_measures(
     numbers["pelvis_wander_m"] = float(np.sqrt(np.square(place - place.mean(0)).sum(1).mean()))
     numbers["l1_to_mean_m"] = l1_distance_to_mean(joints)
     if motion is not recorded and motion.expression_basis == recorded.expression_basis:
-        numbers["face_mse"] = face_error(motion, recorded)
+        numbers["face_mse"] = expression_mse(motion, recorded)
     return numbers
 
 
@@ -93,7 +93,7 @@ def mean_pairwise_l1(positions: Sequence[Float[np.ndarray, "_ J 3"]]) -> Float[n
     return distances + distances.T
 
 
-def face_error(motion: Motion, recorded: Motion) -> float:
+def expression_mse(motion: Motion, recorded: Motion) -> float:
     """Compute the mean squared error of the expression coefficients over the shared frames."""
     frames = min(motion.num_frames, recorded.num_frames)
     difference = motion.expressions[:frames] - recorded.expressions[:frames]
@@ -157,7 +157,7 @@ class ClipContext:
     @cached_property
     def loudness(self) -> np.ndarray:
         """Loudness of the clip's speech (dB for each frame)."""
-        return classifiers.frame_loudness(self.waveform, self.recorded.num_frames)
+        return classifiers.frame_loudness_db(self.waveform, self.recorded.num_frames)
 
     def wrist_loudness_correlations(
         self, positions: Sequence[Float[np.ndarray, "T J 3"]]
@@ -169,7 +169,9 @@ class ClipContext:
         """
         others = {
             "shifted": np.roll(self.loudness, round(face.SHIFT_S * FPS)),
-            "foreign": classifiers.frame_loudness(self.foreign_waveform, self.recorded.num_frames),
+            "foreign": classifiers.frame_loudness_db(
+                self.foreign_waveform, self.recorded.num_frames
+            ),
         }
         own, *wrong = (
             float(
@@ -260,7 +262,7 @@ class EvaluationModels:
     """Classifier of matched and mismatched speech; None leaves the metric out."""
 
 
-def read_trimmed_recording(folder: Path, name: str) -> tuple[Motion, Speech]:
+def read_recording_cut_to_speech(folder: Path, name: str) -> tuple[Motion, Speech]:
     """Read a clip's motion, cut to the frames of its speech, and its whole speech."""
     motion, speech = read_motion_and_speech(folder, name)
     return first_frames(motion, min(motion.num_frames, speech.num_motion_frames)), speech
@@ -283,7 +285,7 @@ class ClipEvaluator:
         """Measure clip ``name``, with mismatched speech of ``foreign_clip``, and write its rows."""
         models = self.load_models()
         (motion, speech), (_, foreign) = (
-            read_trimmed_recording(self.folder, clip) for clip in (name, foreign_clip)
+            read_recording_cut_to_speech(self.folder, clip) for clip in (name, foreign_clip)
         )
         context = ClipContext(
             motion, speech.waveform, foreign.waveform, self.joint_mean_speeds, models
@@ -372,7 +374,7 @@ def metric_settings() -> dict[str, float]:
         "beat_neighbours_frames": beats.MINIMUM_ORDER,
         "beat_margin_s": beats.MARGIN_S,
         "wrong_speech_shift_s": face.SHIFT_S,
-        "silence_s": SILENCE_S,
+        "silence_s": MEASURED_SILENCE_S,
         "coupling_max_lag_s": face.MAX_LAG_S,
         "div_batch_windows": reference_error.BATCH_WINDOWS,
         "div_window_frames": reference_error.WINDOW_FRAMES,
@@ -413,5 +415,5 @@ def _pairwise(positions: Sequence[Float[np.ndarray, "T J 3"]]) -> Estimate:
 
 def _judged(rows: Sequence[ClipRow]) -> dict[str, list[frechet.Features]]:
     """Return the codes of all clips by distance, without distances that a clip lacks."""
-    names = [name for name in frechet.ENCODERS if all(name in row.arrays for row in rows)]
+    names = [name for name in frechet.ENCODER_NAMES if all(name in row.arrays for row in rows)]
     return {name: [row.arrays[name] for row in rows] for name in names}

@@ -19,7 +19,7 @@ from model.motion.motion import Motion, arkit_weights_or_zeros
 from model.networks.autoencoder import FrozenMotionEncoder, autoencoder_input
 from model.systems.helpers.config import FED_ENCODER, FGD_ENCODER, FMD_ENCODER
 
-ENCODERS = {"fmd": FMD_ENCODER, "fed": FED_ENCODER, "fgd": FGD_ENCODER}
+ENCODER_NAMES = {"fmd": FMD_ENCODER, "fed": FED_ENCODER, "fgd": FGD_ENCODER}
 """Name of the encoder of each distance."""
 FRECHET_DRAWS = 200
 SPLITS = 20
@@ -35,7 +35,7 @@ def left_out_sentences(
     """Format a sentence for each metric without its encoder, or without ARKit blendshapes."""
     sentences = [
         f"{measure.upper()} is left out: its encoder {name} is not among the weights."
-        for measure, name in ENCODERS.items()
+        for measure, name in ENCODER_NAMES.items()
         if measure not in encoders
     ]
     if any(motion.expression_basis != "arkit52" for motion in recorded):

@@ -24,12 +24,12 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion
 from model.motion.tracks import track_points, wrist_positions_in_chest_frame
 from model.plan.detection import WEIGHTS, PhaseNetwork, hand_features, plan_from_motion
-from model.plan.files import read_corpus_plan
+from model.plan.files import read_corpus_textgrid
 from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase
 from model.storage.files import written_atomically
 
 BOUNDARY_TOLERANCE_S = 0.1
-POINT_TOLERANCE_S = 0.15
+NOD_AND_BROW_TOLERANCE_S = 0.15
 """Largest distance (s) between a detected and an annotated nod or brow movement."""
 SHIFT_S = 0.5
 MIN_OVERLAP = 0.3
@@ -132,12 +132,14 @@ def detection_counts_by_metric(
             edges, [p.end_s for p in true[:-1]], BOUNDARY_TOLERANCE_S
         )
     counts["nods"] += match_points(
-        [n.time_s for n in detected.nods], [n.time_s for n in annotated.nods], POINT_TOLERANCE_S
+        [n.time_s for n in detected.nods],
+        [n.time_s for n in annotated.nods],
+        NOD_AND_BROW_TOLERANCE_S,
     )
     for name, sign in (("brows up", 1), ("frowns", -1)):
         ours = [b.time_s for b in detected.brows if sign * b.height > 0]
         theirs = [b.time_s for b in annotated.brows if sign * b.height > 0]
-        counts[name] += match_points(ours, theirs, POINT_TOLERANCE_S)
+        counts[name] += match_points(ours, theirs, NOD_AND_BROW_TOLERANCE_S)
     counts["blinks"] += match_points(
         [b.time_s for b in detected.blinks],
         [b.time_s for b in annotated.blinks],
@@ -189,7 +191,7 @@ def train_phase_network(folder: Path, names: Sequence[str], out: Path) -> None:
 
 def _recorded(folder: Path, name: str):
     tracks = track_points(load_motion(folder / f"smplxflame_30/{name}.npz"), open_body_skeleton())
-    plan = read_corpus_plan(folder / f"textgrid/{name}.TextGrid")
+    plan = read_corpus_textgrid(folder / f"textgrid/{name}.TextGrid")
     return plan, wrist_positions_in_chest_frame(tracks)
 
 
@@ -254,7 +256,7 @@ def running_detection_scores(
         train_phase_network(folder, learned, WEIGHTS)
     for name in [name for name, of in split.items() if of == "test"][:clips]:
         motion = load_motion(folder / f"smplxflame_30/{name}.npz")
-        annotated = read_corpus_plan(folder / f"textgrid/{name}.TextGrid")
+        annotated = read_corpus_textgrid(folder / f"textgrid/{name}.TextGrid")
         counts = detection_counts_by_metric(
             plan_from_motion(motion, open_body_skeleton()), annotated
         )

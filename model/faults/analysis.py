@@ -80,7 +80,7 @@ class Finding:
     """Normal range, appended in brackets, and only once for several motions."""
     limit_ratio: float = 1.0
     """Ratio of the value to its limit; 1 if there is no metric."""
-    max_recorded_ratio: float = 4.0
+    max_ratio_between_clips: float = 4.0
     """Largest ratio of this metric between two clips of people."""
     worst_frame: int | None = None
     """Frame at which the fault is worst; None if it is the same everywhere."""
@@ -107,7 +107,7 @@ class Finding:
     @property
     def deviation(self) -> float:
         """Distance from what people do, in steps by which people differ."""
-        steps = np.log(max(self.limit_ratio, 1.0)) / np.log(self.max_recorded_ratio)
+        steps = np.log(max(self.limit_ratio, 1.0)) / np.log(self.max_ratio_between_clips)
         return float(steps) * (0.5 if self.severity == MEASURABLE else 1.0)
 
     def as_json(self) -> dict[str, Any]:

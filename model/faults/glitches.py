@@ -25,7 +25,7 @@ from model.motion.tracks import point_label
 
 NOISE_DEG = 0.4
 """Largest `joint_rotation_noise_deg`; clean: at most 0.26. Noise of 0.01 rad shows as 0.58."""
-LITTLE_NOISE_DEG = 0.6
+HARDLY_VISIBLE_NOISE_DEG = 0.6
 """Noise up to which the sentence calls it hardly visible; the severity starts here."""
 NAMED = 3
 POP_DEG = 17.0
@@ -40,12 +40,11 @@ MIN_DUPLICATES = 2
 MIN_TURN_DEG_S = 3.0
 """Mean angular speed around a frame below which nothing is concluded from it."""
 SKIP_RATIO, MIN_SKIP_COSINE = (1.6, 2.6), 0.9
-"""Limits for a missing frame: ratio of a step to those around it, along them, and its cosine to
-them."""
+"""Limits for a missing frame: a step's ratio to those around it, along them, and cosine to them."""
 MIN_SKIPS, FRAMES_A_SKIP = 3, 300
 """Least skips, and most frames per skip, that are reported: people skip in 2 of 1,876 frames."""
 MIN_RAD_S = 1e-3
-HALF_RATE = 0.35
+MAX_ALTERNATING_RATIO = 0.35
 """Median change of speed at the quieter of every two frames, over that at the other. Frames
 interpolated between others change no speed."""
 
@@ -64,7 +63,7 @@ def rotation_noise(analysed: AnalysedMotion) -> Iterator[Finding]:
         where = f"{len(noise)} of the {len(JOINT_NAMES)} joints, strongest in the {named}"
     else:
         where = f"the {named}"
-    little = ", hardly visible" if noise[worst[0]] <= LITTLE_NOISE_DEG else ""
+    little = ", hardly visible" if noise[worst[0]] <= HARDLY_VISIBLE_NOISE_DEG else ""
     message = f"Rotation noise{little}, in {where} (recorded clips: under 0.3°)."
     numbers: dict[str, Any] = {"noise_deg": noise}
     attribution = metrics.point.tip_jerk_attribution
@@ -76,7 +75,7 @@ def rotation_noise(analysed: AnalysedMotion) -> Iterator[Finding]:
             f" Filtering the {point_label(blamed)} alone reduces the jerk of the "
             f"{point_label(analysed.point)} by {100 * shares[blamed]:.0f} %."
         )
-    limit_ratio = max(1.0, noise[worst[0]] / LITTLE_NOISE_DEG)
+    limit_ratio = max(1.0, noise[worst[0]] / HARDLY_VISIBLE_NOISE_DEG)
     yield Finding(message, numbers, limit_ratio=limit_ratio)
 
 
@@ -125,7 +124,7 @@ def joint_snaps(analysed: AnalysedMotion) -> Iterator[Finding]:
         f"{steps[at, joint]:.0f}° ({point_label(name)}, at {format_time(int(at) + 1)}).",
         {"snaps": len(frames), "joint": name, "snap_deg": float(steps[at, joint])},
         limit_ratio=float(beyond.max() / SNAP_DEG),
-        max_recorded_ratio=SNAP_SPAN,
+        max_ratio_between_clips=SNAP_SPAN,
         worst_frame=int(at) + 1,
         frame_ranges=tuple((int(each), int(each)) for each in frames[:20]),
     )
@@ -198,15 +197,15 @@ def upsampled_rate(analysed: AnalysedMotion) -> Iterator[Finding]:
         _alternating_ratio(change),
         _alternating_ratio(np.linalg.norm(turning, axis=-1).mean(axis=1)),
     )
-    if not ratio < HALF_RATE:
+    if not ratio < MAX_ALTERNATING_RATIO:
         return
     yield Finding(
         "Every second frame is interpolated or repeated: the motion seems to have been upsampled "
-        f"to 30 fps from 15 fps or less (the median angular speed of these frames, or its change, "
+        f"to 30 fps from 15 fps or less (in these frames, the median angular speed or acceleration "
         f"is {100 * ratio:.0f} % of that of the other frames). It cannot contain jitter above 7.5 "
         "Hz.",
         {"change_ratio": ratio},
-        limit_ratio=HALF_RATE / max(ratio, 0.01),
+        limit_ratio=MAX_ALTERNATING_RATIO / max(ratio, 0.01),
     )
 
 
@@ -217,8 +216,7 @@ def _alternating_ratio(track: Float[np.ndarray, " N"]) -> float:
 
 
 SEAM_CHANCE = 1e-3
-"""Largest probability of `recurring_jerk`; clean: at least 0.0026 in 3,540 clips or parts of 10
-s."""
+"""Largest p-value of `recurring_jerk`; clean: at least 0.0026 in 3,540 clips or parts of 10 s."""
 
 
 def window_seams(analysed: AnalysedMotion) -> Iterator[Finding]:
@@ -241,7 +239,7 @@ def window_seams(analysed: AnalysedMotion) -> Iterator[Finding]:
     )
 
 
-def periodic_jerk(analysed: AnalysedMotion) -> Iterator[Finding]:
+def other_periodic_jerk(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect jerk that recurs after another number of frames than the known windows."""
     measured = analysed.metrics.seams
     period, windows = measured.period, measured.fold_period_frames
@@ -256,12 +254,12 @@ def periodic_jerk(analysed: AnalysedMotion) -> Iterator[Finding]:
         )
     else:
         peak = (
-            f"the highest frame of the period has {period.peak_over_minimum:.1f} times the jerk of "
-            "the lowest"
+            f"the highest jerk within the period is {period.peak_over_minimum:.1f} times the lowest"
         )
     yield Finding(
         f"The jerk of the {period.part} peaks every {period.frames} frames "
-        f"({period.frames / FPS:.2f} s), as at the seams of windows or latent codes: {peak}.",
+        f"({period.frames / FPS:.2f} s), as is typical of window seams or latent-code boundaries: "
+        f"{peak}.",
         {
             "period_frames": period.frames,
             "part": period.part,
@@ -299,7 +297,7 @@ def identical_to_reference(analysed: AnalysedMotion) -> Iterator[Finding]:
     )
 
 
-def reference_lag(analysed: AnalysedMotion) -> Iterator[Finding]:
+def shifted_copy_of_reference(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect the reference's movement, earlier or later."""
     if analysed.reference is None or analysed.num_frames < _MIN_FRAMES:
         return
@@ -320,7 +318,7 @@ def reference_lag(analysed: AnalysedMotion) -> Iterator[Finding]:
     )
 
 
-def speech_lag(analysed: AnalysedMotion) -> Iterator[Finding]:
+def speech_lag_or_drift(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect motion that is late or early against the speech, constantly or increasingly."""
     lag = analysed.metrics.lag
     if lag is None or not lag.is_detected:

@@ -18,12 +18,12 @@ from model.motion.tracks import point_label
 
 LYING_DEG = 45.0
 """Mean tilt of the spine (degrees); clean: 12 at most."""
-LIFT_M = 0.08
+MAX_HEIGHT_OFFSET_M = 0.08
 """Difference in height of the lower foot, motion to reference (m); clips of one speaker: 0.001."""
 FOOT_SLIDE_M_S = 0.15
 """Mean speed of feet on the ground (m/s); clean: at most 0.12, and 0.07 over a whole clip."""
 FLOATING_FRAMES = 8
-RISE_M = 0.10
+FLOATING_ABOVE_PERCENTILE_M = 0.10
 """Height of the lower foot above its 5th percentile (m); recorded clips: at most 0.08 in 10 s."""
 SINKING_FRAMES = 2
 STANDING_M, STANDING_SHARE = 0.03, 0.5
@@ -50,14 +50,14 @@ def height_offset_to_reference(analysed: AnalysedMotion) -> Iterator[Finding]:
     if analysed.reference is None:
         return
     apart = analysed.median_lower_foot_height_m - analysed.reference.median_lower_foot_height_m
-    if abs(apart) <= LIFT_M:
+    if abs(apart) <= MAX_HEIGHT_OFFSET_M:
         return
     where = "above" if apart > 0 else "below"
     yield Finding(
         f"The feet stand {100 * abs(apart):.0f} cm {where} the reference's.",
         {"height_m": apart},
         "recorded clips of one speaker: within 1 cm",
-        limit_ratio=abs(apart) / LIFT_M,
+        limit_ratio=abs(apart) / MAX_HEIGHT_OFFSET_M,
     )
 
 
@@ -89,7 +89,10 @@ def feet_float(analysed: AnalysedMotion) -> Iterator[Finding]:
         above = analysed.lower_foot_height_m - np.percentile(
             analysed.lower_foot_height_m, GROUND_PERCENTILE
         )
-        is_up, contact = is_up | (above > RISE_M), analysed.metrics.posture.foot_contact_share
+        is_up, contact = (
+            is_up | (above > FLOATING_ABOVE_PERCENTILE_M),
+            analysed.metrics.posture.foot_contact_share,
+        )
     runs = [r for r in analysis.longest_true_ranges(is_up) if r[1] - r[0] + 1 >= FLOATING_FRAMES]
     if not runs and contact >= CONTACT_SHARE:
         return
@@ -145,14 +148,14 @@ def feet_sink(analysed: AnalysedMotion) -> Iterator[Finding]:
 
 FINGERS_OUTSIDE = 0.02
 """Share of all frames and finger joints; clean: at most 0.005, and 0.001 over a whole clip."""
-JOINT_OUTSIDE = 0.2
+FINGER_JOINT_OUTSIDE_SHARE = 0.2
 """Share of the frames of one finger joint; clean: at most 0.01 over a whole clip."""
 NAMED = 3
 ELBOWS_BACKWARDS = 0.5
 """Share of all frames, on both sides; clean: 0."""
 SWAPPED_ERROR_RATIO = 0.6
 """Error with sides changed over the error without; about 1 if unrelated, 0 for a swapped copy."""
-INSIDE_M = 0.06
+MIN_HAND_TO_SPINE_M = 0.06
 """Distance (m) of wrist, knuckle or fingertip from the line through pelvis, spine and neck, which
 is 10 cm and more under the skin in front; clean: at least 0.099."""
 INSIDE_FRAMES = 3
@@ -164,7 +167,7 @@ def finger_joint_limits(analysed: AnalysedMotion) -> Iterator[Finding]:
     share = analysed.metrics.joint_limits.finger_angle_outside_share
     by_joint = analysed.metrics.joint_limits.finger_angle_outside_by_joint
     worst = sorted(by_joint, key=lambda name: -by_joint[name])[:NAMED]
-    if share <= FINGERS_OUTSIDE and by_joint[worst[0]] <= JOINT_OUTSIDE:
+    if share <= FINGERS_OUTSIDE and by_joint[worst[0]] <= FINGER_JOINT_OUTSIDE_SHARE:
         return
     assert set(by_joint) == set(FINGER_JOINT_NAMES)
     named = join_names(
@@ -177,7 +180,7 @@ def finger_joint_limits(analysed: AnalysedMotion) -> Iterator[Finding]:
             "outside_share": share,
             "joints": {name: by_joint[name] for name in worst if by_joint[name]},
         },
-        limit_ratio=max(share / FINGERS_OUTSIDE, by_joint[worst[0]] / JOINT_OUTSIDE),
+        limit_ratio=max(share / FINGERS_OUTSIDE, by_joint[worst[0]] / FINGER_JOINT_OUTSIDE_SHARE),
     )
 
 
@@ -193,7 +196,7 @@ def hand_penetration(analysed: AnalysedMotion) -> Iterator[Finding]:
         off = hands - start - np.clip(along, 0.0, 1.0)[..., None] * bone
         nearest = np.minimum(nearest, np.linalg.norm(off, axis=-1))
     distance = nearest.min(axis=1)
-    is_inside = distance < INSIDE_M
+    is_inside = distance < MIN_HAND_TO_SPINE_M
     if is_inside.sum() < INSIDE_FRAMES:
         return
     worst = int(distance.argmin())
@@ -205,7 +208,7 @@ def hand_penetration(analysed: AnalysedMotion) -> Iterator[Finding]:
         f"{analysis.format_time(worst)}: {100 * distance[worst]:.0f} cm from the axis of the "
         "spine.",
         {"side": side, "distance_m": float(distance[worst]), "frames": int(is_inside.sum())},
-        limit_ratio=INSIDE_M / max(float(distance[worst]), 0.005),
+        limit_ratio=MIN_HAND_TO_SPINE_M / max(float(distance[worst]), 0.005),
         worst_frame=worst,
         frame_ranges=analysis.longest_true_ranges(is_inside),
     )
@@ -214,8 +217,7 @@ def hand_penetration(analysed: AnalysedMotion) -> Iterator[Finding]:
 def swapped_sides(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect exchanged sides by comparison with a reference of the same speech.
 
-    Without one, only exchanged joint names show (both elbows bend backwards); a mirror image does
-    not.
+    Without one, only exchanged joint names show (both elbows bend backwards); mirroring does not.
     """
     if analysed.metrics.errors is not None:
         errors = analysed.metrics.errors.rotation_error_by_sides_deg
@@ -223,7 +225,7 @@ def swapped_sides(analysed: AnalysedMotion) -> Iterator[Finding]:
         error = errors.mirrored if is_mirrored else errors.swapped
         if error >= SWAPPED_ERROR_RATIO * errors.as_is:
             return
-        how = "as a mirror image" if is_mirrored else "joint by joint"
+        how = "as a mirror image" if is_mirrored else "in the joint order"
         yield Finding(
             f"Left and right seem swapped {how}: upper body and hands differ from the reference by"
             f" {errors.as_is:.0f}°, and by {error:.0f}° after swapping them back.",
@@ -255,7 +257,7 @@ FROZEN_FRAMES = 8
 slower than 1 degree per second, in two recorded and 90 procedural clips."""
 HAND_STILL = 0.5
 """Share of all frames; clean: 0, because living fingers are never still for 1/30 s."""
-MOVING_FRAMES = 2 * FPS
+MIN_TRANSLATION_CHECK_FRAMES = 2 * FPS
 """Shortest clip for the check (frames): nobody's pelvis is bit-identical for two seconds."""
 
 
@@ -302,7 +304,7 @@ def frozen_hands(analysed: AnalysedMotion) -> Iterator[Finding]:
 def translation_never_changes(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect a translation that is constant while the body turns."""
     trans = analysed.motion.trans
-    if len(trans) < MOVING_FRAMES or np.ptp(trans, axis=0).any():
+    if len(trans) < MIN_TRANSLATION_CHECK_FRAMES or np.ptp(trans, axis=0).any():
         return
     if analysed.angular_speed_deg_s[:, list(BODY)].mean() < FROZEN_DEG_S:
         return

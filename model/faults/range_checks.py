@@ -32,7 +32,7 @@ class NaturalRange:
 
     lowest: float
     highest: float
-    max_ratio: float
+    max_ratio_between_clips: float
     """Largest ratio of this level between two clips."""
     low_limit: float
     high_limit: float
@@ -67,28 +67,31 @@ class RangeCheck:
         if people is None or not np.isfinite(value := self.measure(analysed)):
             return
         if reference is None:
-            is_low, max_recorded_ratio = value < people.low_limit, people.highest / people.lowest
+            is_low, max_ratio = value < people.low_limit, people.highest / people.lowest
             limit_ratio = (
                 people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
             )
             lowest, highest = (
                 self._format_value(each, False) for each in (people.lowest, people.highest)
             )
-            usual = f"recorded and procedural clips {people.clip_lengths}: {lowest} to {highest}"
+            clips = f"recorded and procedurally animated clips {people.clip_lengths}"
+            usual = f"{clips}: {lowest} to {highest}"
             beside = ""
             numbers: dict[str, Any] = {
                 "people": [self.display_scale * each for each in (people.lowest, people.highest)]
             }
         elif (recorded := self.measure(reference)) > 0.0:
             ratio = value / recorded
-            is_low, max_recorded_ratio = ratio < 1.0, people.max_ratio
-            limit_ratio = max(ratio, 1 / max(ratio, 1e-9)) / people.max_ratio
+            is_low, max_ratio = ratio < 1.0, people.max_ratio_between_clips
+            limit_ratio = max(ratio, 1 / max(ratio, 1e-9)) / people.max_ratio_between_clips
             beside = f", {_times(ratio)} the reference's {self._format_value(recorded, False)}"
-            usual = f"recorded clips differ by a factor of at most {people.max_ratio:g}"
+            usual = (
+                f"recorded clips differ by a factor of at most {people.max_ratio_between_clips:g}"
+            )
             numbers = {
                 "reference": self.display_scale * recorded,
                 "ratio": ratio,
-                "people": people.max_ratio,
+                "people": people.max_ratio_between_clips,
             }
         else:
             return
@@ -102,7 +105,7 @@ class RangeCheck:
             {"unit": self.display_unit, "value": self.display_scale * value, **numbers},
             usual,
             limit_ratio=limit_ratio,
-            max_recorded_ratio=max_recorded_ratio,
+            max_ratio_between_clips=max_ratio,
             worst_frame=worst,
             frame_ranges=() if worst is None else ((max(0, worst - 15), worst + 15),),
         )
@@ -141,7 +144,7 @@ def wrist_high_frequency_share(analysed: AnalysedMotion) -> float:
     return float(spectrum.power_above(HIGH_FREQUENCY_HZ).sum() / spectrum.velocity_power.sum())
 
 
-def posture_deviation_deg(analysed: AnalysedMotion) -> float:
+def upper_body_angle_std_deg(analysed: AnalysedMotion) -> float:
     """Compute the root mean square distance of upper body angles from their mean (degrees)."""
     angles = analysed.motion.poses.reshape(-1, 55, 3)[:, list(UPPER_BODY)].astype(np.float64)
     off = angles - angles.mean(axis=0)
@@ -179,11 +182,11 @@ AMPLITUDE = RangeCheck(
     "amplitude",
     "RMS deviation of the upper body's joint angles from their mean",
     "°",
-    posture_deviation_deg,
+    upper_body_angle_std_deg,
     long_clips=NaturalRange(13.0, 20.0, 1.7, 10.5, 26.0, LONG),
     short_clips=NaturalRange(8.9, 22.0, 2.1, 7.0, 29.0, SHORT),
     low_message="Little variation of posture",
-    high_message="Much variation of posture",
+    high_message="Large variation of posture",
 )
 SPEED = RangeCheck(
     "speed",

@@ -92,7 +92,7 @@ def _add_assumptions(
         )
         reason = (
             f"the rest pose differs from SMPL-X's by up to {degrees[most]:.0f}° "
-            f"({point_label(most)}); limbs and fingers were rotated to point as in the file"
+            f"({point_label(most)}); limbs and fingers were turned to the directions in the file"
         )
         draft.assume("layout", "rest pose", reason, confidence)
     if not any(
@@ -139,10 +139,10 @@ class _Skeleton(JointTree):
 
     def rotation_to_smplx_axes(self, joint_map: JointMap, draft: MotionDraft) -> Rotation:
         """Return the rotation, in quarter turns, from the file's axes to ours: y up, facing z."""
-        up, across, hang = self.body_axes(joint_map)
+        up, across, hang = self.body_axes_and_leg_cosine(joint_map)
         if hang < 0.5:
             raise MotionError(
-                f"{self.source}: the legs are below the trunk neither in the rest pose nor in the"
+                f"{self.source}: the legs are not below the trunk in the rest pose or in the"
                 " first frame, so the limbs cannot be mapped to SMPL-X. Put a T-pose or A-pose"
                 " into the first frame (or use Apply Pose as Rest Pose in Blender)."
             )
@@ -157,7 +157,7 @@ class _Skeleton(JointTree):
                 raise MotionError(
                     f"{self.source}: the settings up and facing must be different axes."
                 )
-            draft.user_set_kinds.add("up")
+            draft.applied_override_kinds.add("up")
         z = np.cross(x, y)
         stands, faces = (
             ("-" if axis.sum() < 0 else "") + "xyz"[int(np.abs(axis).argmax())] for axis in (y, z)
@@ -174,7 +174,7 @@ class _Skeleton(JointTree):
             if draft.overrides.get(kind) in AXES:
                 draft.assume(kind, value, "set by you", "user", alternatives)
             elif by_rest == "unsure" or not is_ours:
-                turned = "" if is_ours else "; rotated"
+                turned = "" if is_ours else "; rotated to y up, facing z"
                 draft.assume(kind, value, f"from the rest pose{turned}", by_rest, alternatives)
         return Rotation.from_matrix(np.stack([x, y, z]))
 

@@ -16,7 +16,7 @@ from model.storage.npz import MotionError, check_size
 
 MAX_JOINTS = 400
 MAX_WORD = 200
-MAX_LENGTH = 1e6
+MAX_MAGNITUDE = 1e6
 """Largest offset or position, in any unit, and largest angle in degrees."""
 _CHANNELS = {
     f"{axis}{kind}".lower(): f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")
@@ -123,8 +123,8 @@ class _Reader:
                     current = blocks[-1] if blocks else -1
                 case "OFFSET":
                     offset = tuple(self._number(next(words, "")) for _ in range(3))
-                    if not np.abs(offset).max() < MAX_LENGTH:
-                        raise self._error(f"an offset must be under {MAX_LENGTH:g}")
+                    if not np.abs(offset).max() < MAX_MAGNITUDE:
+                        raise self._error(f"an offset must be under {MAX_MAGNITUDE:g}")
                     if current >= 0:
                         joints[current].offset = offset
                 case "CHANNELS" if current >= 0:
@@ -215,9 +215,9 @@ class _Reader:
                 f" {', '.join(map(str, bad[:8]))}; repair them first."
             )
         largest = np.abs(rows[:num_values]).max()
-        if largest > MAX_LENGTH:
+        if largest > MAX_MAGNITUDE:
             raise MotionError(
-                f"{self._name} contains the value {largest:.3g}, above the limit of {MAX_LENGTH:g}."
+                f"{self._name} contains the value {largest:.3g}; the limit is {MAX_MAGNITUDE:g}."
             )
         return rows[:num_values]
 
@@ -231,7 +231,7 @@ class _Reader:
         """Split numbers that run together at their signs."""
         if not any(_FUSED.search(word) for word in words):
             return words
-        self._add_note("numbers that ran together were split at their signs")
+        self._add_note("numbers without a space between them were split at the minus sign")
         return [each for word in words for each in _FUSED.sub(" -", word).split()]
 
     def _number(self, word: str) -> float:

@@ -25,7 +25,7 @@ _LEFT_RELAXED = (
     *((0.008, -0.044, -0.349), (0, 0, -0.419), (0, 0, -0.192)),
     *((0.367, 0.248, -0.131), (0.026, 0.185, -0.073), (0, 0.23, -0.098)),
 )
-RELAXED_HANDS: Float[np.ndarray, "30 3"] = np.concatenate(
+MEAN_HANDS_SUBSTITUTE: Float[np.ndarray, "30 3"] = np.concatenate(
     [np.array(_LEFT_RELAXED), np.array(_LEFT_RELAXED) * (1, -1, -1)]
 )
 """Axis-angle (30, 3) of our own relaxed hands, a substitute for the licensed mean hand pose."""
@@ -52,8 +52,8 @@ _MAX_INSPECTED_FRAMES = 1800
 """Number of first frames by which feet are judged."""
 LOWEST_FPS, HIGHEST_FPS = 12.0, 240.0
 _FILLED_IN = (
-    f"; interpolated to {FPS} fps along a smooth curve, so it has no movement above %g Hz, and its"
-    f" jerk and high frequencies cannot be compared with motion recorded at {FPS} fps"
+    f"; interpolated to {FPS} fps with a cubic spline, so the motion has nothing above %g Hz, and "
+    f"its jerk and high frequencies cannot be compared with motion recorded at {FPS} fps"
 )
 _SAMPLES = range(2, 21)
 _JUMP = 2.5
@@ -92,7 +92,10 @@ def finish_import(
     by_user = {each.kind for each in draft.assumptions if each.confidence == "user"} | {"frames"}
     for kind in sorted(draft.overrides.keys() - by_user):
         draft.assume(
-            cast(Kind, kind), draft.overrides[kind], "which does not apply to this file", "user"
+            cast(Kind, kind),
+            draft.overrides[kind],
+            "set by you but ignored, because it does not apply to this file",
+            "user",
         )
     return ImportedMotion(
         motion, tuple(draft.assumptions), draft.name, frozenset(draft.missing_parts)
@@ -131,7 +134,9 @@ def _split_joined_samples(draft: MotionDraft) -> None:
     reason = f"the body jumps every {length} frames: {count} samples seem to be concatenated"
     if choice in numbers:
         draft.select_frames(slice(length * (int(choice) - 1), length * int(choice)))
-        draft.assume("motion", choice, f"set by you, of {count} samples", "user", (*numbers, "all"))
+        draft.assume(
+            "motion", choice, f"set by you, one of {count} samples", "user", (*numbers, "all")
+        )
     else:
         draft.assume("motion", "all", reason, "unsure", numbers)
 
@@ -179,13 +184,13 @@ def _hands(draft: MotionDraft, mean_hands: Float[np.ndarray, "30 3"] | None) -> 
         value, confidence = "flat", "sure" if bend > CURL_FLAT else "likely"
         reason = f"fingers bend by {bend:z.2f} rad"
     if value == "mean":
-        offset = RELAXED_HANDS if mean_hands is None else mean_hands
+        offset = MEAN_HANDS_SUBSTITUTE if mean_hands is None else mean_hands
         draft.poses = draft.poses.copy()
         draft.poses[:, list(HANDS)] += offset
         if mean_hands is None:
             draft.missing_parts.add("finger_angles")
             reason += (
-                "; the relaxed hand pose of this program is used instead (--body uses the "
+                "; the relaxed hand pose of this program is used as the mean (--body uses the "
                 "licensed mean hand pose)"
             )
     draft.assume(
@@ -272,7 +277,7 @@ def uprightness(motion: Motion) -> dict[str, float]:
 
 
 def _up_and_facing(draft: MotionDraft) -> None:
-    if "up" in draft.user_set_kinds:
+    if "up" in draft.applied_override_kinds:
         return
     scores = uprightness(draft.motion())
     ranked = sorted(scores, key=lambda axis: -scores[axis])
@@ -284,7 +289,7 @@ def _up_and_facing(draft: MotionDraft) -> None:
     elif draft.is_metric_y_up and best == "y":
         reason, confidence = "the rest pose stands along this axis", "sure"
     else:
-        reason = "spine, head, shanks and soles point along this axis"
+        reason = "the body (spine, head, shanks, feet) is upright along this axis"
         reason += "; rotated to y" if up != "y" else ""
         confidence = "unsure" if margin < 0.2 else "likely" if margin < 0.5 else "sure"
     if up != "y":
@@ -317,7 +322,7 @@ def _facing(draft: MotionDraft) -> None:
     elif all(each.kind != "facing" for each in draft.assumptions):
         is_z = quarter == "z" and np.hypot(x, z) > 0.9
         value, reason = (
-            ("z", f"the hips face {degrees:.0f}° away from it")
+            ("z", f"the hips face within {abs(degrees):.0f}° of it on average")
             if is_z
             else ("as-is", "the hips face no single direction")
         )

@@ -35,8 +35,7 @@ JOINTS_BY_COUNT: dict[int, tuple[int, ...]] = {
     24: BODY,
     22: BODY,
 }
-"""Our joints by the number of joints in files; SMPL's last two of 24 are hands without fingers, and
-are ignored."""
+"""Our joints by the number in a file; SMPL's last two of 24, hands without fingers, are ignored."""
 SET_NAMES = {55: "SMPL-X", 52: "SMPL-H", 53: "SMPL-H and the jaw", 24: "SMPL", 22: "SMPL's body"}
 MAX_RADIANS = 4 * np.pi
 """Largest plausible angle, two full turns; above it, angles are in degrees."""
@@ -67,7 +66,7 @@ class MotionDraft:
     hand_reference_prior: HandReferencePrior = "flat"
     motion_number: int = 1
     """Number of the motion in a batch, from 1."""
-    user_set_kinds: set[Kind] = field(default_factory=set)
+    applied_override_kinds: set[Kind] = field(default_factory=set)
     """Properties that the reader has set as the user states, not to be applied again."""
     is_metric_y_up: bool = False
     """True if `trans` is in metres and y is up, unless the motion indicates otherwise."""
@@ -259,9 +258,9 @@ def _rotation_format_6d(
         reason = "the numbers are orthonormal only as two interleaved columns"
         return Assumption("rotations", "6d-interleaved", reason, "sure", forms)
     natural = natural_bend_score(_decoded(rows, "6d", name), joints)
-    form, reason = "6d", "as the first two rows, joints bend as a person's do"
+    form, reason = "6d", "if read as the first two matrix rows, joints bend as a person's do"
     if natural < -0.3:
-        form, reason = "6d-columns", "as rows, elbows and hands would bend backwards"
+        form, reason = "6d-columns", "if read as matrix rows, elbows and hands would bend backwards"
     confidence: Confidence = (
         "sure" if abs(natural) > 1.0 else "likely" if abs(natural) > 0.3 else "unsure"
     )
@@ -282,7 +281,7 @@ def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.n
         if np.abs(np.linalg.norm(rows, axis=-1) - 1).max() > 0.1:
             raise MotionError(
                 f"{name} has 4 numbers per joint that are not unit quaternions; save joint "
-                "rotations."
+                "rotations as unit quaternions."
             )
         xyzw = rows if form == "quaternion-xyzw" else np.roll(rows, -1, axis=-1)
         return Rotation.from_quat(xyzw.reshape(-1, 4)).as_rotvec().reshape(shape)
@@ -295,7 +294,8 @@ def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.n
     apart = rotmat @ rotmat.mT - torch.eye(3, dtype=rotmat.dtype)
     if float(apart.abs().max()) > 0.05:
         raise MotionError(
-            f"{name} has 9 numbers per joint that are not rotation matrices; save joint rotations."
+            f"{name} has 9 numbers per joint that are not rotation matrices; save joint rotations "
+            "as 3x3 matrices."
         )
     return axis_angle_from_matrix(rotmat).numpy()
 

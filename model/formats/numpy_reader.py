@@ -28,15 +28,15 @@ from model.formats.motion_draft import (
     scatter_joints,
 )
 from model.formats.parameters import (
+    EMBODY3D_MASK,
     EXPRESSIONS,
-    MISSING,
     PARAMETER_JOINTS,
     POSES,
     RATES,
     ROOTS,
     TRANSLATIONS,
     VALID,
-    parameter_files,
+    sibling_parameter_files,
     split_key,
 )
 from model.formats.reading import Assumption, Confidence, Part
@@ -133,7 +133,7 @@ UNSUPPORTED_LAYOUTS = {
     141: "has the 141 numbers per frame of DiffSHEG on BEAT: Euler angles, normalised with a mean "
     "and a standard deviation that are not in the file. Give the .bvh file that DiffSHEG writes",
     263: "has the 263 numbers per frame of HumanML3D (root velocities, positions, velocities), "
-    "whose rotations were fitted to positions. Convert it to SMPL with its joints2smpl, and give "
+    "whose rotations were fitted to positions. Convert it to SMPL with joints2smpl, and give "
     "the result",
     251: "has the 251 numbers per frame of KIT-ML (21 joints, without SMPL's rotations). Convert "
     "it to SMPL with joints2smpl, and give the result",
@@ -182,8 +182,8 @@ _SUPPORTED_SHAPES = (
     " joints with 3, 4, 6 or 9 numbers each"
 )
 _IN_A_FOLDER = (
-    "If it is one parameter of a motion (global_orient, body_pose, transl, ...), give the folder of"
-    " all its files, or a zip of it."
+    "If it holds one parameter of a motion (global_orient, body_pose, transl, ...), give the "
+    "folder of all files of the motion, or a zip of that folder."
 )
 
 
@@ -212,7 +212,7 @@ def _read_parameter_files(
 def read_npy(path: Path, overrides: dict[str, str]) -> MotionDraft:
     """Read a motion from one array, or a file for each parameter; raises MotionError."""
     check_size(path)
-    if files := parameter_files(path):
+    if files := sibling_parameter_files(path):
         return _read_parameter_files(files, path.name, overrides)
     try:
         array = read_npy_file(path)
@@ -498,13 +498,13 @@ class _Archive:
             candidates = {"": usable[0]}
         before = next(iter(candidates))
         if len(candidates) > 1 and ("" not in candidates or "motion" in self.overrides):
-            names = [printable(each or "the one without a prefix") for each in candidates]
+            names = [printable(each or "(no prefix)") for each in candidates]
             choice = self.overrides.get("motion", "")
             numbers = [str(number) for number in range(1, len(names) + 1)]
             if choice not in (*candidates, *numbers):
                 raise MotionError(
                     f"{self.name} contains {len(candidates)} motions: {', '.join(names[:12])}; "
-                    f"choose one (--assume motion={names[0]})."
+                    f"choose one by name or number (--assume motion=1)."
                 )
             before = choice if choice in candidates else list(candidates)[numbers.index(choice)]
             self.motion_choice = Assumption("motion", choice, "set by you", "user", tuple(names))
@@ -620,7 +620,8 @@ class _Archive:
         if over or each not in ROTATION_FORMATS:
             reason = (
                 " Hands as PCA components need the licensed model: save them with use_pca=False, or"
-                " convert the num_pca_comps numbers to 45 with the model's hand components."
+                " convert the num_pca_comps coefficients to 45 numbers with the model's hand"
+                " components."
             )
             reason = reason if "hand" in part else ""
             raise MotionError(
@@ -703,18 +704,20 @@ class _Archive:
         return value.decode("latin1") if isinstance(value, bytes) else str(value)
 
     def _invalid(self, draft: MotionDraft) -> None:
-        """Report frames that a mask marks as invalid; those of `MISSING` are interpolated."""
-        key = self._find((*VALID, MISSING))
+        """Report frames that a mask marks as invalid; those of `EMBODY3D_MASK` are interpolated."""
+        key = self._find((*VALID, EMBODY3D_MASK))
         if key is None or self.headers[self.key_by_plain_name[key]][1].kind not in "buif":
             return
         marks = np.zeros(len(draft.poses), dtype=bool)
         values = read_array(self.archive, self.key_by_plain_name[key]).reshape(-1)[: len(marks)]
         marks[: len(values)] = values == 0
         confidence: Confidence = "stated"
-        if key == MISSING and marks.mean() > 0.5:  # then zero rather means that nothing is missing
+        if (
+            key == EMBODY3D_MASK and marks.mean() > 0.5
+        ):  # then zero rather means that nothing is missing
             marks[: len(values)] = values != 0
             confidence = "unsure"
-        choice = self.overrides.get("frames", "bridge" if key == MISSING else "refuse")
+        choice = self.overrides.get("frames", "bridge" if key == EMBODY3D_MASK else "refuse")
         if not marks.any() or marks.all():
             return
         which = f"`{key}` marks frames {format_frame_ranges(marks)} as invalid"

@@ -17,7 +17,7 @@ EXPRESSIONS = ("expressions", "expression", "expr", "exp")
 RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate", "framerate")
 VALID = ("is_valid", "valid", "valid_mask")
 """Names of masks that are zero in frames with failed tracking."""
-MISSING = "missing"
+EMBODY3D_MASK = "missing"
 """Name of Embody-3D's mask, which is, in spite of its name, zero in corrupted frames."""
 PARAMETER_JOINTS: dict[str, tuple[int, ...]] = {
     "global_orient": (0,),
@@ -38,9 +38,9 @@ PARAMETER_JOINTS: dict[str, tuple[int, ...]] = {
 }
 """Joints of SMPL-X's own parameters, then of their names in SMPLer-X and AMASS."""
 ROOTS = ("global_orient", "root_orient", "root_pose")
-PARAMETERS = tuple(
+FILE_PARAMETERS = tuple(
     dict.fromkeys(
-        (*ROOTS, *PARAMETER_JOINTS, "betas", *TRANSLATIONS, *EXPRESSIONS, *VALID, MISSING)
+        (*ROOTS, *PARAMETER_JOINTS, "betas", *TRANSLATIONS, *EXPRESSIONS, *VALID, EMBODY3D_MASK)
     )
 )
 """Parameters that may be separate files, the root's first."""
@@ -54,7 +54,7 @@ def split_key(key: str) -> tuple[str, str]:
         *EXPRESSIONS,
         *RATES,
         *VALID,
-        MISSING,
+        EMBODY3D_MASK,
         *PARAMETER_JOINTS,
         "betas",
     )
@@ -68,7 +68,7 @@ def split_key(key: str) -> tuple[str, str]:
     return (key[: -len(suffixes[-1]) - 1], suffixes[-1]) if suffixes else ("", key)
 
 
-def parameter_files(path: Path) -> dict[str, Path]:
+def sibling_parameter_files(path: Path) -> dict[str, Path]:
     """Return all files of the motion that a .npy parameter file belongs to, by parameter.
 
     The root's comes first. The layouts are ``PARAMETER/CLIP.npy``, as in Embody-3D, and
@@ -80,10 +80,10 @@ def parameter_files(path: Path) -> dict[str, Path]:
         (folder.name, lambda: ((f.name, f / path.name) for f in sorted(folder.parent.iterdir()))),
     )
     for name, candidates in layouts:
-        if path.suffix.lower() != ".npy" or split_key(name)[1] not in PARAMETERS:
+        if path.suffix.lower() != ".npy" or split_key(name)[1] not in FILE_PARAMETERS:
             continue
         file_by_part = {split_key(each)[1]: file for each, file in candidates() if file.is_file()}
-        files = {part: file_by_part[part] for part in PARAMETERS if part in file_by_part}
+        files = {part: file_by_part[part] for part in FILE_PARAMETERS if part in file_by_part}
         if files.keys() & {"body_pose", "pose_body"} and next(iter(files)) in ROOTS:
             return files
     return {}
@@ -95,7 +95,7 @@ def files_with_motion_names(folder: Path) -> Iterator[tuple[Path, Path]]:
     A motion with a file per parameter is yielded once, as its first file with the motion's name.
     """
     for path in sorted(file for file in folder.rglob("*") if file.is_file()):
-        name, files = path.relative_to(folder), parameter_files(path)
+        name, files = path.relative_to(folder), sibling_parameter_files(path)
         first = next(iter(files.values()), path)
         if not first.is_relative_to(folder) or not files:
             yield path, name

@@ -31,8 +31,7 @@ NOTE_TEXTS: dict[Kind, str] = {
 }
 """Start of a note by kind, with its value; that of other kinds is the kind itself."""
 Confidence = Literal["user", "stated", "sure", "likely", "unsure"]
-"""Certainty: stated by the user, stated by the file, evident from the motion, likely, or a
-guess."""
+"""Certainty: stated by the user, stated by the file, clear from the motion, likely, or a guess."""
 Part = Literal["hands", "finger_angles", "face", "legs", "place", "detail"]
 """Parts that a motion may lack: `finger_angles` if our hand replaces the mean hand pose, `place`
 for its translation, `detail` if frames were interpolated."""
@@ -41,7 +40,7 @@ MISSING_PART_TEXTS: dict[Part, tuple[str, str]] = {
     "detail": ("was upsampled from a lower frame rate", "jerk and jitter"),
     "finger_angles": ("has hands relative to an unknown mean pose", "finger angles"),
     "hands": ("has no finger motion", "fingers"),
-    "face": ("has no face", "face"),
+    "face": ("has no face", "the face"),
     "place": ("has no translation", "feet, translation and jerk"),
     "legs": ("has no legs", "legs and feet"),
 }
@@ -64,8 +63,7 @@ OVERRIDE_VALUES: dict[str, tuple[str, ...]] = {
     "frames": ("refuse", "bridge"),
     "lag": (),
 }
-"""Options of `--assume` and their values; an empty list allows a number, or a name inside a
-file."""
+"""Options of `--assume` and their values; an empty list allows a number, or a name in a file."""
 MOTIONS, REFERENCE = "motions", "reference"
 """Names with which `ImportOverrides` addresses all motions but the reference, or the reference."""
 _NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)$")
@@ -179,7 +177,7 @@ def assumption_difference_notes(readings: Mapping[str, ImportedMotion]) -> list[
         if without and len(without) < len(readings):
             values_text = ", ".join(without[:6])
             sentences.append(
-                f"{values_text} {words}: do not compare {what} with those of the other motions."
+                f"{values_text} {words}: do not compare metrics of {what} with the other motions."
             )
     return sentences
 
@@ -232,8 +230,7 @@ class ImportOverrides:
     """Properties that the user states for files with incomplete or wrong content."""
 
     entries: tuple[tuple[str, str, str], ...] = ()
-    """File's name (or a pattern such as ``*.npz``, `MOTIONS`, `REFERENCE`, or "" for all), kind and
-    value of each."""
+    """File's name (or ``*.SUFFIX``, `MOTIONS`, `REFERENCE`, or "" for all), kind and value."""
 
     def for_file(self, *names: str) -> dict[str, str]:
         """Return a file's values by kind, of which specific names override patterns and ""."""

@@ -1,8 +1,7 @@
 """Interface of all systems: generators of windows that are joined to motion.
 
 The input of a system is speech, speaker and seed. Further input is a condition of a type that its
-family defines and that is opaque here: drawn from the speech for each sample, or passed by the
-caller.
+family defines and that is opaque here: drawn from the speech per sample, or passed by the caller.
 """
 
 from abc import ABC, abstractmethod
@@ -82,8 +81,8 @@ class Windowing:
     def __post_init__(self) -> None:
         if self.advance < 2 or not 0 <= self.overlap <= self.advance:
             raise ValueError(
-                "Windows must start at least 2 frames apart and overlap by at most that distance; "
-                f"got a distance of {self.advance} and an overlap of {self.overlap} frames."
+                "The hop between windows must be at least 2 frames and no shorter than the "
+                f"overlap; got a hop of {self.advance} and an overlap of {self.overlap} frames."
             )
 
     @property
@@ -261,7 +260,7 @@ class System(ABC):
     name: str
     card: WeightsCard
     sha256s: Mapping[str, str]
-    """Digest of each file of weights that it uses, its own first."""
+    """SHA-256 of each weights file that it uses, by the name of the network, its own first."""
     speakers: Mapping[str, int]
     """Index in the network's table by speaker name."""
     encoder: SpeechEncoder

@@ -164,7 +164,9 @@ class Family:
         """Return the training config of a preset; raises ValueError for an unknown one."""
         presets = self.presets(system)
         if preset not in presets:
-            choice = f"choose one of {', '.join(presets)}" if presets else "it has no configs"
+            choice = (
+                f"choose one of {', '.join(presets)}" if presets else "this system has no configs"
+            )
             raise ValueError(f"There is no config {preset!r} of {system}; {choice}.")
         return presets[preset]
 
@@ -196,7 +198,7 @@ class Family:
     def require_files(self) -> None:
         """Check that all named ``files`` exist; raises CheckpointError or EncoderError."""
 
-    def single_speech_reason(self) -> str | None:
+    def one_recording_only_reason(self) -> str | None:
         """Return why the named files suit one speech only, with advice; None if they suit any."""
         return None
 

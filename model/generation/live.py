@@ -7,8 +7,7 @@ speech that goes on much as it did, rather than a silence that would end every g
 
 `gan/5` on two recordings of BEAT2: with a look-ahead of 8 to 12 frames, wrists were 8 to 12 mm from
 their place with all of the speech and the same noise (another seed: 165 mm), the jaw's angle
-correlated with that at 0.95 to 0.99 (with 4 frames: 0.81); silence in place of the mirror image: 20
-mm.
+correlated with that at 0.95 to 0.99 (4 frames: 0.81); silence in place of the mirror image: 20 mm.
 """
 
 from dataclasses import dataclass
@@ -75,14 +74,14 @@ class LiveGenerator:
         return self._first + len(self._speech)
 
     @property
-    def num_waiting_frames(self) -> int:
+    def num_generatable_frames(self) -> int:
         """Frames that could become final at once; negative before there is enough speech."""
         return self.num_speech_frames - self._pace.look_ahead - self.next_frame
 
     @property
     def is_due(self) -> bool:
         """True if enough speech is there for the next window."""
-        return self.num_waiting_frames >= self._pace.min_hop
+        return self.num_generatable_frames >= self._pace.min_hop
 
     def add_features(self, features: Float[Tensor, "_ dim"]) -> None:
         """Append the next frames of features of ``system.encoder``."""
@@ -94,7 +93,7 @@ class LiveGenerator:
         They are all waiting frames, but no more than a window's advance.
         """
         assert self.is_due
-        hop = min(self.num_waiting_frames, self._cut.advance)
+        hop = min(self.num_generatable_frames, self._cut.advance)
         final = self._window(hop).part(slice(hop))
         self.next_frame += hop
         self._forget_before(self.next_frame - 2 * (self._cut.frames + self._cut.context))

@@ -204,13 +204,12 @@ class WindowChain:
         condition: Any = None,
         first_condition_frame: int | None = None,
     ) -> Window:
-        """Generate the next window, joined to the one before.
+        """Generate the next window; return it whole, its first frames blended with the last one's.
 
         Args:
             advance: number of its frames after which the next window starts, from ``overlap`` on;
                 only those are final. None is the system's own advance.
-            condition, first_condition_frame: of this window, if conditions are drawn as speech
-                arrives.
+            condition, first_condition_frame: of this window, if these are drawn as speech arrives.
         """
         if condition is not None:
             self._draw = replace(
@@ -223,7 +222,7 @@ class WindowChain:
         return self._system.window(speech, self._made, self._draw)
 
     def join(self, window: Window, advance: int | None = None) -> Window:
-        """Join a window, generated here or earlier, to the one before."""
+        """Blend a window, generated here or earlier, with the one before, and return it whole."""
         cut = self._system.windowing
         advance = cut.advance if advance is None else advance
         assert cut.overlap <= advance <= cut.advance
@@ -280,7 +279,7 @@ class MotionAssembler:
 def first_window_spec(system: System, options: GenerateOptions) -> WindowSpec:
     """Return the inputs of the first window; raises as `generate_motion`."""
     if options.conditions and system.condition_type is None:
-        raise ValueError(f"{system.name} takes no condition besides speech; omit it.")
+        raise ValueError(f"{system.name} takes no condition besides speech; omit the condition.")
     return WindowSpec(
         speaker_index=system.speaker_index(options.speaker),
         seed=options.seed,

@@ -84,14 +84,13 @@ def face_hand_correlation_above_chance(
 
     They correlate the inner brow raise, and the head's angular speed, with the speed of the wrists,
     less the correlation of the same face shifted by 4 s in a circle. Above 0: they move together
-    more than by chance. A motion with FLAME coefficients has no brow value, one of less than 8 s
-    neither.
+    more than by chance. A motion with FLAME coefficients has no brow value, one under 8 s neither.
     """
     if motion.num_frames < 2 * SHIFT_S * FPS:
         return {}
     hands = wrist_speed_sum(joints)
     measures = {
-        "head_with_hands": _correlation_above_chance(head_angular_speed_rad_s(motion), hands)
+        "head_with_hands": _correlation_above_chance(head_chest_angular_speed_rad_s(motion), hands)
     }
     if motion.expression_basis == "arkit52":
         brow = motion.expressions[1:, blendshape_columns("browInnerUp")].mean(1)
@@ -104,7 +103,7 @@ def wrist_speed_sum(joints: Float[np.ndarray, "T 55 3"]) -> Float[np.ndarray, " 
     return np.linalg.norm(np.diff(joints[:, _WRISTS], axis=0), axis=-1).sum(-1) * FPS
 
 
-def head_angular_speed_rad_s(motion: Motion) -> Float[np.ndarray, " T1"]:
+def head_chest_angular_speed_rad_s(motion: Motion) -> Float[np.ndarray, " T1"]:
     """Compute the head's angular speed against the chest (rad/s), from each frame to the next."""
     poses = torch.from_numpy(motion.poses).unflatten(-1, (-1, 3))
     neck, head = (matrix_from_axis_angle(poses[:, JOINT_INDEX[n]]) for n in ("neck", "head"))

@@ -86,12 +86,12 @@ def speech_bands_by_frame(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarr
     return np.log(power + np.float32(floor + 1e-9))
 
 
-def find_lag(motion: Motion, speech_bands: Float[np.ndarray, "T2 BANDS"]) -> Lag:
+def find_lag(motion: Motion, speech_log_mel: Float[np.ndarray, "T2 BANDS"]) -> Lag:
     """Estimate the lag from the face, else the body; unknown if neither follows this speech."""
-    frames = min(motion.num_frames, len(speech_bands))
+    frames = min(motion.num_frames, len(speech_log_mel))
     if frames < LEAST_FRAMES:
         return UNKNOWN
-    motion, sound = first_frames(motion, frames), _parts(speech_bands[:frames])
+    motion, sound = first_frames(motion, frames), _parts(speech_log_mel[:frames])
     tracks: dict[LagSource, np.ndarray] = {"face": _face(motion), "body": _body(motion)}
     for ground, track in tracks.items():
         moves = _parts(track)

@@ -10,11 +10,10 @@ scores have no period:
   period, over N whole periods. Under H0 it is normal with standard deviation 1 / sqrt(N).
 * **ripple**, periods of 2 to 16 frames: the statistic is the power at the period's frequency and
   its multiples, divided by the background power around them; under H0 it is chi-squared. The
-  complex amplitudes of stretches of about two seconds are clipped at `AMPLITUDE_CLIP` and summed,
-  so that a rhythmic gesture of some seconds contributes little, and a period of the whole clip all.
+  complex amplitudes of stretches of about two seconds are clipped at `MAX_AMPLITUDE_RATIO` and
+  summed, so that a rhythmic gesture of some seconds adds little, and a period of the clip all.
 
-Each p-value is multiplied by the number of tests (Bonferroni: periods, their phases, and parts of
-the body).
+Each p-value is multiplied by the number of tests (Bonferroni: periods, phases and body parts).
 """
 
 import math
@@ -42,12 +41,11 @@ CHANCE = 2.5e-4
 """Probability of a false alarm under H0, for each of the two tests; see ``docs/others.md``."""
 LEVEL_FRAMES = 31
 STRETCH_FRAMES = 64
-AMPLITUDE_CLIP = 1.4
+MAX_AMPLITUDE_RATIO = 1.4
 """Amplitude, as a ratio to the background, at which it is clipped. The test is then robust to a few
 stretches with large amplitudes, and loses little power for a weak period of the whole clip."""
-SAME_PERIOD = 0.75
-"""Share of a period's power that a divisor must explain to replace it; half of the true period
-explains half."""
+MIN_DIVISOR_POWER_SHARE = 0.75
+"""Share of a period's power that a divisor needs to replace it; half the true period has half."""
 WORST = 5
 _MIN_M_S3 = 1e-3
 """Jerk added before the logarithm (m/s³)."""
@@ -174,7 +172,7 @@ def _ripple(scores: Float[np.ndarray, " N"], part: str) -> Iterator[_Candidate]:
         harmonics = np.arange(1, frames // 2 + 1)
         expected = np.interp(harmonics / frames, frequency, usual)
         amplitude = np.fft.rfft(folded, axis=1)[:, 1:] * np.sqrt(length / expected) / frames
-        amplitude *= np.minimum(1.0, AMPLITUDE_CLIP / np.maximum(np.abs(amplitude), 1e-9))
+        amplitude *= np.minimum(1.0, MAX_AMPLITUDE_RATIO / np.maximum(np.abs(amplitude), 1e-9))
         power = np.abs(amplitude.sum(axis=0)) ** 2 / stretches
         is_real = 2 * harmonics == frames  # at half the frame rate there is no phase
         statistic = np.where(is_real, power / of_real, 2 * power / of_complex).sum()
@@ -188,8 +186,7 @@ def _background(
 ) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]:
     """Compute the background power by frequency, and the frequencies in cycles per frame.
 
-    It is a running median over ln 2 (of an exponential, that is the mean): spectral lines do not
-    raise it.
+    It is a running median over ln 2 (the mean of an exponential): spectral lines do not raise it.
     """
     power = np.abs(np.fft.rfft(scores)) ** 2 / len(scores)
     width = max(15, len(scores) // 40) | 1
@@ -200,9 +197,9 @@ def _background(
 @cache
 def _cut_power() -> tuple[float, float]:
     """Compute the mean square of a clipped standard normal, real and complex."""
-    inside = chi2.cdf(AMPLITUDE_CLIP**2, 3)  # the integral of x^2 below the cut
-    return float(inside + AMPLITUDE_CLIP**2 * chi2.sf(AMPLITUDE_CLIP**2, 1)), float(
-        -np.expm1(-(AMPLITUDE_CLIP**2))
+    inside = chi2.cdf(MAX_AMPLITUDE_RATIO**2, 3)  # the integral of x^2 below the cut
+    return float(inside + MAX_AMPLITUDE_RATIO**2 * chi2.sf(MAX_AMPLITUDE_RATIO**2, 1)), float(
+        -np.expm1(-(MAX_AMPLITUDE_RATIO**2))
     )
 
 
@@ -229,7 +226,7 @@ def _shortest(frames: int, folded: Float[np.ndarray, " frames"]) -> int:
     """Return the shortest divisor that explains a period: a period of 7 frames shows at 14 too."""
     for shorter in (d for d in range(MIN_PERIOD, frames) if frames % d == 0):
         explained = _fold_by_period(folded, shorter)
-        if (frames // shorter) * (explained**2).sum() > SAME_PERIOD * (folded**2).sum():
+        if (frames // shorter) * (explained**2).sum() > MIN_DIVISOR_POWER_SHARE * (folded**2).sum():
             return shorter
     return frames
 

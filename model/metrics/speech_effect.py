@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.metrics.face import blendshape_columns, correlation, head_angular_speed_rad_s
+from model.metrics.face import blendshape_columns, correlation, head_chest_angular_speed_rad_s
 from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 
@@ -62,7 +62,7 @@ class SharedInputCorrelations:
         return self.same_noise - self.neither
 
 
-def arm_angular_speed_sum_deg_s(motion: Motion) -> Float[np.ndarray, " T1"]:
+def smoothed_arm_speed_sum_deg_s(motion: Motion) -> Float[np.ndarray, " T1"]:
     """Compute the smoothed sum of the angular speeds of both shoulders and elbows (degrees/s)."""
     return _smooth(angular_speed_sum(motion, ARMS))
 
@@ -87,8 +87,8 @@ def _jaw(motion: Motion) -> Float[np.ndarray, " T"]:
 
 
 TRACK_FUNCTIONS: Mapping[str, Callable[[Motion], np.ndarray | None]] = {
-    "arms": arm_angular_speed_sum_deg_s,
-    "head": lambda motion: _smooth(head_angular_speed_rad_s(motion)),
+    "arms": smoothed_arm_speed_sum_deg_s,
+    "head": lambda motion: _smooth(head_chest_angular_speed_rad_s(motion)),
     "brows": _brows,
     "jaw": _jaw,
 }
@@ -101,7 +101,7 @@ def track_correlation(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " m
     return correlation(one[:frames], other[:frames])
 
 
-def arm_rotation_correlation(one: Motion, other: Motion) -> float:
+def arm_axis_angle_correlation(one: Motion, other: Motion) -> float:
     """Compute the mean correlation of the 12 axis-angle components of shoulders and elbows."""
     columns = [3 * joint + k for joint in ARMS for k in range(3)]
     pairs = zip(one.poses[:, columns].T, other.poses[:, columns].T, strict=True)
@@ -109,9 +109,9 @@ def arm_rotation_correlation(one: Motion, other: Motion) -> float:
 
 
 def arm_rotation_correlation_same_noise(motions: Grid) -> float:
-    """Average `arm_rotation_correlation` over all pairs with the same noise and other speech."""
+    """Average `arm_axis_angle_correlation` over all pairs with the same noise and other speech."""
     alike = [
-        arm_rotation_correlation(one, other)
+        arm_axis_angle_correlation(one, other)
         for ((speech, seed), one), ((speech_, seed_), other) in combinations(motions.items(), 2)
         if seed == seed_ and speech != speech_
     ]
@@ -179,20 +179,20 @@ def _smooth(speed: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return gaussian_filter1d(np.asarray(speed, np.float64), SMOOTH_FRAMES)
 
 
-SILENCE_S = 5.0
+MEASURED_SILENCE_S = 5.0
 """Part of a silence that is measured (s); a shorter pause counts as speech."""
 PARTS = {"arms": ARMS, "jaw": [JOINT_INDEX["jaw"]]}
 
 
-def speech_and_silence_masks(
+def speech_and_silence_start_masks(
     voiced: Bool[np.ndarray, " T"],
 ) -> tuple[Bool[np.ndarray, " T"], Bool[np.ndarray, " T"]]:
-    """Return the frames of speech, and the first `SILENCE_S` of each silence after it.
+    """Return the frames of speech, and the first `MEASURED_SILENCE_S` of each silence after it.
 
     Neither are frames before the first voice, the rest of a silence, and too short an end.
     """
     spoken, silent = np.zeros(len(voiced), bool), np.zeros(len(voiced), bool)
-    wanted = round(SILENCE_S * FPS)
+    wanted = round(MEASURED_SILENCE_S * FPS)
     voiced_frames_index = np.flatnonzero(voiced)
     spoken[voiced_frames_index] = True
     for this, following in pairwise([*voiced_frames_index, len(voiced)]):
@@ -211,7 +211,7 @@ def silence_speed_ratio(motion: Motion, voiced: Bool[np.ndarray, " T"]) -> dict[
     such silence; without a part that does not even move during speech.
     """
     frames = min(motion.num_frames, len(voiced))
-    spoken, silent = speech_and_silence_masks(voiced[:frames])
+    spoken, silent = speech_and_silence_start_masks(voiced[:frames])
     if not silent.any():
         return {}
     ratios = {}

@@ -5,8 +5,7 @@ the chain below it, so that forward kinematics of the changed chain comes down t
 point about the joint: ``p' = p_j + G_parent(j) S G_j^T (p - p_j)``, exact for any point that moves
 rigidly with the last joint of the chain.
 
-Positions are in metres, at 30 fps. A metric is NaN for a clip that is too short, or where it would
-be 0 / 0.
+Positions are in metres, at 30 fps. A metric is NaN for too short a clip, or if it would be 0 / 0.
 """
 
 import math
@@ -83,7 +82,7 @@ def _mean_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
 
 STILL_M_S = 1e-4
 """Peak speed (m/s) below which a point counts as still: 0.1 mm/s."""
-MOVEMENT_FRAMES = 60
+SMOOTHNESS_STRETCH_FRAMES = 60
 """Length (frames) of the stretches for SPARC and the dimensionless jerk. Both depend on how long a
 movement lasts, so that whole clips of different lengths could not be compared; 2 s hold a gesture.
 """
@@ -168,12 +167,11 @@ def log_dimensionless_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
 def mean_sparc_and_log_jerk(positions: Float[np.ndarray, "T 3"]) -> tuple[float, float]:
     """Compute SPARC and log dimensionless jerk as means over stretches of 2 s from the first frame.
 
-    The rest at the end is not used, nor are stretches without movement. NaN for fewer than 61
-    frames.
+    The rest at the end is not used, nor are stretches without movement. NaN below 61 frames.
     """
     values = []
-    for start in range(0, len(positions) - MOVEMENT_FRAMES, MOVEMENT_FRAMES):
-        stretch = positions[start : start + MOVEMENT_FRAMES + 1]
+    for start in range(0, len(positions) - SMOOTHNESS_STRETCH_FRAMES, SMOOTHNESS_STRETCH_FRAMES):
+        stretch = positions[start : start + SMOOTHNESS_STRETCH_FRAMES + 1]
         values.append(
             (sparc(smoothness.derivative_magnitudes(stretch, 1)), log_dimensionless_jerk(stretch))
         )

@@ -130,8 +130,7 @@ def joint_positions_from_global(
 ) -> Float[Tensor, "*batch 55 3"]:
     """Compute joint positions in metres: pelvis plus rotated rest bones (GlobalDiff eq. 5).
 
-    The pelvis is at ``rest_joints[0] + transl``, as in SMPL-X. A joint's own rotation does not move
-    it.
+    The pelvis is at ``rest_joints[0] + transl``, as in SMPL-X. No joint moves by its own rotation.
     """
     # One large product: batches of 3 x 3 products are many times slower.
     rows = R_world_joint.transpose(-3, -2).flatten(-2)  # (*batch, 3, 165)

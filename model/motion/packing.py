@@ -84,8 +84,7 @@ def root_positions(
 ) -> Float[Tensor, "*batch T 3"]:
     """Compute root positions in metres from root channels.
 
-    The channels are (velocity x, height, velocity z), integrated from x = z = 0, or the position
-    itself.
+    The channels are (velocity x, height, velocity z), integrated from x = z = 0, or the position.
     """
     if root_format == "place":
         return root

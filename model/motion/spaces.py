@@ -5,8 +5,7 @@ from typing import Literal
 RotationSpace = Literal["local", "global", "axis-angle"]
 """Rotation format of joints: local or global row-6D, or local axis-angle."""
 RootFormat = Literal["velocity", "place"]
-"""Format of the root channels: the pelvis' horizontal velocity, or its position relative to the
-body's home."""
+"""Root channels: the pelvis' horizontal velocity, or its position relative to the body's home."""
 VectorScaling = Literal["normalised", "raw"]
 """Scaling of motion vectors: every body-part group at unit variance, or raw 6D as in the official
 GlobalDiff code (with normalised root channels all the same)."""

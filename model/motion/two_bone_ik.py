@@ -41,8 +41,7 @@ def hinge_frame(
 class HingedLimb:
     """A limb of two bones in the rest pose, with the unit axis of its middle joint.
 
-    A knee that turns about one axis preserves the sideways angle of thigh and shin in the rest
-    pose.
+    A knee that turns about one axis keeps the sideways angle of thigh and shin in the rest pose.
     """
 
     upper_bone: Float[np.ndarray, " 3"]

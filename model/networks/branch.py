@@ -263,8 +263,7 @@ def mask_expression(
 class PriorResidualNetwork(ConditionedNetwork):
     """Network that predicts x_1 as its prior's posterior mean plus a learned residual.
 
-    Its inputs are x_t (motion or face), time, speech, seed and speaker; the prior is fitted, not
-    trained.
+    It takes x_t (motion or face), time, speech, seed and speaker; the prior is fitted, not trained.
 
     Args:
         expression_dim: size of the face that conditions the body; 0 for a network of the face.

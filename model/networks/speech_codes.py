@@ -1,8 +1,7 @@
 """Speech encoder of this project: its codes predict phones, accents, phrase ends and mean plans.
 
 It takes the place of WavLM in the papers. It is trained on the corpus's exact annotation with
-augmentation for many microphones (`model.systems.helpers`), and is frozen for all networks that use
-it.
+augmentation for many microphones (`model.systems.helpers`), and frozen in all networks that use it.
 """
 
 from dataclasses import dataclass

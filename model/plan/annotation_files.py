@@ -351,9 +351,12 @@ def _around(rows: Sequence[Interval]) -> list[tuple[int, int]]:
 def _parsed(data: bytes, name: str) -> ET.Element:
     """Parse the elements of a file, without entities, definitions or anything outside of it."""
     if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data.replace(b"\0", b""), re.IGNORECASE):
-        raise PlanError(f"{name} defines a document type, which ELAN files do not have.")
+        raise PlanError(
+            f"{name} has a DOCTYPE or ENTITY declaration, which ELAN files do not have; save it "
+            "again in ELAN."
+        )
     if data.count(b"<") > 2 * MAX_ELEMENTS:  # before any of them takes time
-        raise PlanError(f"{name} exceeds the limit of {MAX_ELEMENTS:,} elements.")
+        raise PlanError(f"{name} exceeds the limit of {MAX_ELEMENTS:,} XML elements.")
     if (
         max(map(len, data.split(b"<"))) > MAX_TAG_BYTES
     ):  # of attributes each costs more than all before
@@ -365,7 +368,8 @@ def _parsed(data: bytes, name: str) -> ET.Element:
             depth, count = (depth + 1, count + 1) if event == "start" else (depth - 1, count)
             if depth > MAX_DEPTH or count > MAX_ELEMENTS:
                 raise PlanError(
-                    f"{name} exceeds the limit of {MAX_ELEMENTS:,} elements or {MAX_DEPTH} levels."
+                    f"{name} exceeds the limit of {MAX_ELEMENTS:,} XML elements or {MAX_DEPTH} "
+                    "nesting levels."
                 )
         return events.root  # pyright: ignore[reportAttributeAccessIssue]
     except PlanError:

@@ -47,7 +47,7 @@ KERNEL, HIDDEN = 5, 40
 NOD_DEG = 2.0
 """Smallest depth of a nod relative to half a second around it (degrees)."""
 BROW, FROWN, BLINK, SMILE = 0.14, 0.07, 0.45, 0.08
-STAND_SHARE = 0.03
+MIN_PELVIS_OFFSET_SHARE = 0.03
 """Offset of the pelvis on one leg from the middle, as a fraction of the feet's distance."""
 STEP_M_S = 0.15
 STILL_M_S = 0.1
@@ -272,7 +272,9 @@ def _detect_stances(tracks: Tracks) -> Iterator[Stance]:
     off = tracks.joints[:, 0][:, [0, 2]] - 0.5 * (left + right)
     share = (off * apart).sum(axis=1) / np.maximum((apart**2).sum(axis=1), 1e-4)
     share = gaussian_filter1d(share, 4.0)
-    leg = np.where(share > STAND_SHARE, 1, np.where(share < -STAND_SHARE, -1, 0))
+    leg = np.where(
+        share > MIN_PELVIS_OFFSET_SHARE, 1, np.where(share < -MIN_PELVIS_OFFSET_SHARE, -1, 0)
+    )
     legs: dict[int, Leg] = {1: "left", -1: "right", 0: "both"}
     at = 0
     for first, stop in equal_runs(leg):

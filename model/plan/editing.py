@@ -56,7 +56,7 @@ MIN_PHASE_S: dict[Phase, float] = {
 """Shortest duration of a phase after an edit (s); one that was shorter is not changed."""
 MIN_RETRACTION_S = MIN_PHASE_S["retraction"] + MIN_REST_S
 """Shortest time in which a hand retracts to rest (s)."""
-ARM_M = 0.72
+MAX_CHEST_TO_WRIST_M = 0.72
 """Largest distance of a wrist from the chest (m)."""
 BODY_WIDTH_M, BODY_DEPTH_M, MIN_UP_M, MAX_UP_M = 0.16, 0.14, -0.5, 0.12
 """Region of the body in the chest's frame: to either side, forwards, and its range upwards (m)."""
@@ -547,10 +547,13 @@ def clamp_goals(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[str,
     clamped, notes = [], []
     for one in block:
         out, up, forward = one.goal
-        far = math.dist(one.goal, (0.0, 0.0, 0.0)) / ARM_M
+        far = math.dist(one.goal, (0.0, 0.0, 0.0)) / MAX_CHEST_TO_WRIST_M
         if far > 1:
             out, up, forward = out / far, up / far, forward / far
-            notes.append(f"A hand position out of reach was moved to {ARM_M:g} m from the chest.")
+            notes.append(
+                "A hand position out of reach was moved to "
+                f"{MAX_CHEST_TO_WRIST_M:g} m from the chest."
+            )
         is_inside = abs(out) < BODY_WIDTH_M and MIN_UP_M < up < MAX_UP_M
         if is_inside and forward < BODY_DEPTH_M:
             forward = BODY_DEPTH_M

@@ -45,7 +45,7 @@ def _of_json(data: bytes, file: str) -> GesturePlan:
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict) or content.pop("format", None) != FORMAT:
-        raise PlanError(f"{file} is not a plan of format {FORMAT}, as `plan --out` writes it.")
+        raise PlanError(f"{file} is not a plan of format {FORMAT}; give one written by `plan`.")
     # No file of text holds half a character, which JSON can spell.
     text = json.dumps(content, ensure_ascii=False).encode("utf-8", "replace")
     try:
@@ -54,7 +54,7 @@ def _of_json(data: bytes, file: str) -> GesturePlan:
         raise PlanError(f"{file} cannot be used: {error}.") from None
 
 
-def read_corpus_plan(path: Path) -> GesturePlan:
+def read_corpus_textgrid(path: Path) -> GesturePlan:
     """Read phases and goals of both hands from the corpus's TextGrid; raises PlanError."""
     tiers, duration_s, _ = _grid_tiers(read_within_limit(path, MAX_BYTES, PlanError), path.name)
     there = {tier.name for tier in tiers}
@@ -91,16 +91,14 @@ def check_plan_suffix(path: Path) -> None:
     """Check that a file's suffix is one of a plan; raises PlanError if it is not."""
     if path.suffix.lower() not in {ending.lower() for ending in ENDINGS}:
         raise PlanError(
-            f"{path.name} ends in {path.suffix or 'nothing'!r}; a plan file must end in "
-            f"{', '.join(ENDINGS)}."
+            f"{path.name} has the wrong suffix; a plan file must end in {', '.join(ENDINGS)}."
         )
 
 
 def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -> None:
     """Write a plan in the format of the file's suffix, atomically; ELAN opens the speech with it.
 
-    Raises PlanError if the suffix is none of ours, or the format cannot hold the plan; WriteError
-    with the reason.
+    Raises PlanError if the format is unknown or cannot hold the plan; WriteError with the reason.
     """
     check_plan_suffix(path)
     ending = path.suffix.lower()

@@ -93,9 +93,8 @@ BIMANUAL_TOLERANCE_S = 0.15
 BEFORE_WORD_S, AFTER_WORD_S = 0.25, 0.15
 """Tolerance for the end of a stroke before a word's start, and after its end (s)."""
 MIN_WORD_COUNT, MIN_LIFT = 5, 3.0
-"""Smallest count of a kind on a word, and ratio to its overall share, for the word to trigger
-it."""
-WORD_PLACE_WEIGHT = 0.65
+"""Least count of a kind on a word, and ratio to its overall share, for the word to trigger it."""
+USUAL_GOAL_WEIGHT = 0.65
 """Fraction by which a goal moves to the usual stroke end of a kind that a word triggered."""
 PREPARATION_S, STROKE_S, HOLD_S, RETRACTION_S = 0.49, 0.31, 0.3, 0.8
 """Medians in the corpus's annotation (s); the hold's is of those before a retraction."""
@@ -187,7 +186,7 @@ class KindTable:
             },
         )
 
-    def number_of(self, kind: str) -> int:
+    def number_or_zero(self, kind: str) -> int:
         """Return the number of a kind, from 1; 0 for none or an unknown one."""
         return self.names.index(kind) + 1 if kind in self.names else 0
 
@@ -258,7 +257,7 @@ class KindTable:
             )
             goal = lands.goal
             if called and (not partner or self.kind_shares_by_word.get(word)):
-                moved = np.asarray(goal) + WORD_PLACE_WEIGHT * (self._usual_goal(kind) - goal)
+                moved = np.asarray(goal) + USUAL_GOAL_WEIGHT * (self._usual_goal(kind) - goal)
                 goal = (float(moved[0]), float(moved[1]), float(moved[2]))
             phases[at] = replace(phases[at], word=word, goal=goal)
         left, right = (
@@ -402,7 +401,7 @@ def kind_numbers(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[
         for phase in plan.hand(side):
             ends_s = phase.start_s, phase.end_s
             first, stop = (max(0, int(np.ceil(end_s * FPS - 0.5))) for end_s in ends_s)
-            kinds[first:stop, column] = table.number_of(phase.kind)
+            kinds[first:stop, column] = table.number_or_zero(phase.kind)
     return kinds
 
 

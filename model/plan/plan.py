@@ -34,8 +34,8 @@ HANGING_PLACE = (0.2, -0.42, 0.12)
 """Position of a hand without a plan (m)."""
 GAP_S = 0.01
 """Longest time between two phases of a hand that is no gap (s)."""
-REACH_M = 1.0
-"""Largest distance of a wrist from the chest (m)."""
+MAX_GOAL_COORDINATE_M = 1.0
+"""Largest absolute coordinate of a goal in the chest's frame (m)."""
 
 
 ShortText = Annotated[str, Field(max_length=80)]
@@ -169,7 +169,7 @@ class GesturePlan(_FromJson):
         for name, events in self._lists():
             if len(events) > MAX_EVENTS:
                 raise PlanError(
-                    f"The plan has {len(events)} events in `{name}`; at most {MAX_EVENTS} are read."
+                    f"The plan has {len(events)} events in `{name}`; the limit is {MAX_EVENTS}."
                 )
             for event in events:
                 _check(name, event)
@@ -276,8 +276,11 @@ def _check(name: str, event: Any) -> None:
             raise PlanError(
                 f"An event in `{name}` has {field_name} {number:g}; the limit is {limit:g}."
             )
-    if "goal" in numbers and not all(abs(n) <= REACH_M for n in numbers["goal"]):
-        raise PlanError(f"An event in `{name}` has a goal over {REACH_M:g} m from the chest.")
+    if "goal" in numbers and not all(abs(n) <= MAX_GOAL_COORDINATE_M for n in numbers["goal"]):
+        raise PlanError(
+            f"An event in `{name}` has a goal (wrist position) over {MAX_GOAL_COORDINATE_M:g} m "
+            "from the chest."
+        )
     if isinstance(event, SpanEvent) and not event.start_s < event.end_s:
         raise PlanError(
             f"An event in `{name}` goes from {event.start_s:g} to {event.end_s:g} s; it must end "

@@ -37,12 +37,12 @@ from model.plan.plan import (
 HAND_NUMBERS = 4 + len(PHASES)
 BODY_TRACKS = ("nod", "yaw", "pitch", "brow", "smile", "blink", "stand", "left foot", "right foot")
 NUM_TRACKS = 2 * HAND_NUMBERS + len(BODY_TRACKS)
-FACE_TRACKS = slice(2 * HAND_NUMBERS, 2 * HAND_NUMBERS + BODY_TRACKS.index("blink") + 1)
+HEAD_FACE_TRACKS = slice(2 * HAND_NUMBERS, 2 * HAND_NUMBERS + BODY_TRACKS.index("blink") + 1)
 """Tracks of the head and face: nods, gaze, brows, smiles and blinks."""
-NUM_FACE_TRACKS = FACE_TRACKS.stop - FACE_TRACKS.start
+NUM_HEAD_FACE_TRACKS = HEAD_FACE_TRACKS.stop - HEAD_FACE_TRACKS.start
 _GOAL, _END, _PHASE = slice(0, 3), 3, slice(4, 4 + len(PHASES))
 
-PULSE_FRAMES = 1.5
+GAUSSIAN_STD_FRAMES = 1.5
 """Standard deviation of the pulse at a phase's end, and of the smoothing of phases (frames)."""
 NOD_S, BROW_S, BLINK_S = 0.1, 0.15, 0.05
 """Standard deviations of the pulses of a nod, a brow's rise and a blink (s)."""
@@ -97,7 +97,7 @@ def plan_tracks(plan: GesturePlan, num_frames: int) -> Float[np.ndarray, "T trac
 
 def both_hands_rest_weight(plan: GesturePlan, frames: range) -> Float[np.ndarray, " T"]:
     """Compute the smoothed mask (0 to 1) of frames in which both hands rest; ends are repeated."""
-    margin = round(4 * PULSE_FRAMES)
+    margin = round(4 * GAUSSIAN_STD_FRAMES)
     wide = range(frames.start - margin, frames.stop + margin)
     time_s = ((np.array(wide) + 0.5) / FPS).clip(0.5 / FPS, plan.duration_s - 0.5 / FPS)
     rests = np.ones(len(wide), bool)
@@ -107,7 +107,7 @@ def both_hands_rest_weight(plan: GesturePlan, frames: range) -> Float[np.ndarray
             if phase.phase == "rest":
                 hand |= (phase.start_s <= time_s) & (time_s < phase.end_s)
         rests &= hand
-    soft = gaussian_filter1d(rests.astype(float), PULSE_FRAMES)
+    soft = gaussian_filter1d(rests.astype(float), GAUSSIAN_STD_FRAMES)
     return soft[margin : margin + len(frames)]
 
 
@@ -131,10 +131,10 @@ def _of_hand(
     numbers[:, _GOAL] = goal_path(phases, time_s)
     for phase in phases:
         if phase.phase not in STILL_PHASES:
-            since = (time_s - phase.end_s) * FPS / PULSE_FRAMES
+            since = (time_s - phase.end_s) * FPS / GAUSSIAN_STD_FRAMES
             numbers[:, _END] = np.maximum(numbers[:, _END], _bell(since))
         numbers[:, _PHASE.start + PHASES.index(phase.phase)] += _while(phase, time_s)
-    numbers[:, _PHASE] = gaussian_filter1d(numbers[:, _PHASE], PULSE_FRAMES, axis=0)
+    numbers[:, _PHASE] = gaussian_filter1d(numbers[:, _PHASE], GAUSSIAN_STD_FRAMES, axis=0)
     return numbers
 
 

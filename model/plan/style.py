@@ -128,7 +128,7 @@ def _differs(wish: float, now: float) -> bool:
     return abs(wish - now) > _RELATIVE_TOLERANCE * max(abs(wish), abs(now), 0.05)
 
 
-def pair_bimanual_gestures(plan: GesturePlan) -> list[list[GestureKey]]:
+def group_gestures_across_hands(plan: GesturePlan) -> list[list[GestureKey]]:
     """Return all gestures in order of time, as pairs where both hands make one together."""
     groups: list[list[GestureKey]] = []
     every = sorted(
@@ -150,7 +150,7 @@ def _spread(count: int, most: int) -> list[int]:
 
 
 def _with_rate(plan: GesturePlan, per_min: float, words: Sequence[Interval]) -> GesturePlan:
-    there = pair_bimanual_gestures(plan)
+    there = group_gestures_across_hands(plan)
     wanted = round(per_min * plan.duration_s / 60)
     for k in _spread(max(0, len(there) - wanted), len(there)):
         for gesture in there[k]:
@@ -170,7 +170,7 @@ def _with_rate(plan: GesturePlan, per_min: float, words: Sequence[Interval]) -> 
 
 
 def _with_both(plan: GesturePlan, share: float) -> GesturePlan:
-    groups = pair_bimanual_gestures(plan)
+    groups = group_gestures_across_hands(plan)
     both = [group for group in groups if len(group) == 2]
     single = [group for group in groups if len(group) == 1]
     missing = round(share * len(groups)) - len(both)
@@ -192,7 +192,7 @@ def _each(
     plan: GesturePlan, change: Callable[[GesturePlan, GestureKey], PlanResult]
 ) -> GesturePlan:
     """Apply a change to every gesture for which it is possible."""
-    for gesture in (each for group in pair_bimanual_gestures(plan) for each in group):
+    for gesture in (each for group in group_gestures_across_hands(plan) for each in group):
         try:
             plan = change(plan, gesture).plan
         except PlanError:
@@ -248,7 +248,7 @@ def misalign_gestures(plan: GesturePlan, words: Sequence[Interval] = ()) -> Plan
 
     It moves to another word if words are known; if there is no room it stays, with a note.
     """
-    groups = pair_bimanual_gestures(plan)
+    groups = group_gestures_across_hands(plan)
     called = np.array([group[0].stroke_end_s for group in groups])
     places = [default_stroke_end_on_word(word) for word in words]
     texts = {default_stroke_end_on_word(word): word.text.lower() for word in words}
@@ -308,7 +308,9 @@ def parse_style(content: Mapping[str, Any]) -> StyleChange:
         raise PlanError("`wrong_words` must be true or false.")
     both = sorted(set(content) & set(times))
     if both:
-        raise PlanError(f"{both[0]} is set twice, alone and in `times`; remove one.")
+        raise PlanError(
+            f"{both[0]} is set twice, as a value and as a factor in `times`; remove one."
+        )
     return StyleChange(
         {name: _number(name, content[name], *LIMITS[name]) for name in _NUMBERS if name in content},
         {name: _number(f"times.{name}", times[name], 0.0, MAX_TIMES) for name in times},

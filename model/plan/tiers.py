@@ -42,7 +42,7 @@ PHASE_TIER, KIND_TIER, WORD_TIER, GOAL_TIER = "gesture", "kind", "word", "goal"
 _PHRASES, _APEX, _SPEECH = "phrase", "apex", "speech"
 """Contents of tiers that are converted to kinds or strokes, name words, or belong to no plan."""
 _SAME_MOMENT_S = 0.5 / FPS
-APEX_S = 0.08
+APEX_TOLERANCE_S = 0.08
 """Largest time between a stroke's end and the apex that names its word (s)."""
 DEFAULT_NOD_DEG, DEFAULT_BROW, DEFAULT_SMILE = 4.0, 0.5, 0.4
 """Defaults for nods (degrees), brows and smiles without a number."""
@@ -53,9 +53,8 @@ _MAX_LISTED = 6
 def plan_to_tiers(plan: GesturePlan, *, for_praat: bool = False) -> tuple[NamedTier, ...]:
     """Convert a plan to tiers, with times and numbers rounded to four decimals.
 
-    Praat lacks parent tiers: for it, phases and kinds share one label, and words and goals are
-    points at the phases' ends. Raises PlanError if events of one list overlap: no tier can hold
-    them.
+    Praat lacks parent tiers: for it, phases and kinds share a label, and words and goals are points
+    at the phases' ends. Raises PlanError if events of a list overlap: no tier can hold them.
     """
     tiers: list[NamedTier] = []
     for side in SIDES:
@@ -179,8 +178,8 @@ def tiers_to_plan(tiers: Sequence[NamedTier], duration_s: float) -> PlanResult:
     if not of_phases and not phrases:
         tier_names = ", ".join(tier.name[:40] for tier in tiers[:_MAX_LISTED]) or "none"
         raise PlanError(
-            "No tier has the gestures of a hand; name one gesture_right or gesture_left (tiers: "
-            f"{tier_names})."
+            "No tier holds the gestures of a hand; rename one to gesture_right or gesture_left "
+            f"(tiers: {tier_names})."
         )
     for tier, meaning in phrases if of_phases else ():
         for side in _hands_of(meaning):
@@ -265,18 +264,18 @@ def _add_phases(tiers: Sequence[tuple[NamedTier, _Meaning]], rows: _Rows) -> lis
         if has_types and any(row.text == "stroke beat" for row in phases):
             notes.append(
                 f"Beats in tier {tier.name[:40]} are read as beat gestures, because the tier has "
-                "no phases; the phase called beat is a small movement after a stroke."
+                "no phases; among phases, a beat is a small movement after a stroke."
             )
         for side in _hands_of(meaning):
             rows[PHASE_TIER, side] += phases
     if kinds:
         notes.append(
-            f"Read as strokes of these gesture types: {_listed(sorted(kinds))}; the phases are "
-            f"{', '.join(PHASES)}."
+            f"These labels are read as gesture types of strokes: {_listed(sorted(kinds))}. Phases "
+            f"are {', '.join(PHASES)}."
         )
     if rests:
         notes.append(
-            f"Read as rest, because these labels name no gesture: {_listed(sorted(rests))}."
+            f"These labels name no gesture and are read as rest: {_listed(sorted(rests))}."
         )
     return notes
 
@@ -331,8 +330,8 @@ def _hand(rows: _Rows, side: Side, notes: list[str]) -> tuple[HandPhase, ...]:
     places = sorted(rows[GOAL_TIER, side], key=lambda row: row.end_s)
     if phases and not places:
         notes.append(
-            f"The {side} hand has no goals; each stroke ends at the usual position of its gesture "
-            "type."
+            f"The {side} hand has no goals (wrist positions); each stroke ends at the usual "
+            "position of its gesture type."
         )
     goals = _goals(phases, places) if places else _usual_goals(names, kinds)
     words_at = {round(row.end_s, 4): row.text for row in rows[WORD_TIER, side]}
@@ -382,7 +381,7 @@ def _landed_on(apexes: Sequence[Interval], side: Side, end_s: float) -> str:
     marks = ((row.end_s, row.text.split(" ")) for row in apexes)
     words = {at: mark[2] for at, mark in marks if len(mark) == 3 and mark[1] == side}
     at = min(words, key=lambda at: abs(at - end_s), default=math.inf)
-    return words[at] if abs(at - end_s) < APEX_S else ""
+    return words[at] if abs(at - end_s) < APEX_TOLERANCE_S else ""
 
 
 def _words(name: str) -> Set[str]:
@@ -469,7 +468,10 @@ def _stand(row: Interval) -> Stance:
     for leg in (*SIDES, "both"):
         if leg in words:
             return Stance(row.start_s, row.end_s, leg)
-    raise PlanError(f"The leg {row.text[:40]!r} at {row.start_s:g} s must be left, right or both.")
+    raise PlanError(
+        f"The weight-bearing leg at {row.start_s:g} s must be left, right or both; got "
+        f"{row.text[:40]!r}."
+    )
 
 
 def _listed(names: Sequence[str]) -> str:

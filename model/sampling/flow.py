@@ -1,8 +1,7 @@
 """Flow matching with prediction of x_1: path, time weights, samplers, and speech guidance.
 
 Noise ``x_0 ~ N(0, I)`` lies at t = 0, data ``x_1`` at t = 1, and ``x_t = (1 - t) x_0 + t x_1``
-(GlobalDiff, "Flow Matching Objective"). A model that predicts x_1 gives the velocity ``(x_1 - x_t)
-/ (1 - t)``.
+(GlobalDiff, "Flow Matching Objective"). A model's x_1 gives the velocity ``(x_1 - x_t) / (1 - t)``.
 
 Classifier-free guidance with scale s combines two predictions of a network that was trained with
 dropped speech, with (cond) and without (uncond) speech, in every step:

@@ -30,11 +30,11 @@ from torch import Tensor, nn
 
 from model.sampling.flow import PredictClean
 
-SEED_NOISE = 1e-3
+SEED_NOISE_VARIANCE_SHARE = 1e-3
 """Variance of a seed frame about its true value, as a share of the channel's variance. Smooth
 curves determine their own continuation almost exactly; without this the extrapolation explodes."""
 VARIANCE_FLOOR = 1e-7
-CHANNEL_FLOOR = 1e-6
+RELATIVE_VARIANCE_FLOOR = 1e-6
 """Variance, as a share of the largest, below which a direction of channels counts as still."""
 GRID_VARIANCE = 10.0
 """Variance v of an eigenvector, in units of the noise's, for which steps are equal in theta. Larger
@@ -59,7 +59,7 @@ class GaussianPrior(nn.Module):
         size, axes = torch.linalg.eigh(full)  # an estimate need not be positive
         full = (axes * size.clamp_min(VARIANCE_FLOOR)[:, None]) @ axes.mT
         seed_covariance = full[:, :, :seed_frames]
-        noise = SEED_NOISE * full.diagonal(dim1=1, dim2=2).mean(1)
+        noise = SEED_NOISE_VARIANCE_SHARE * full.diagonal(dim1=1, dim2=2).mean(1)
         block = seed_covariance[:, :seed_frames] + noise[:, None, None] * torch.eye(seed_frames)
         gain = torch.linalg.solve(block, seed_covariance.mT).mT
         variance, vectors = torch.linalg.eigh(torch.stack([full, full - gain @ seed_covariance.mT]))
@@ -223,7 +223,7 @@ def fit_components(
     """
     values, bends = (_covariance([batch.diff(n=n, dim=1) for batch in windows]) for n in (0, 2))
     size, axes = torch.linalg.eigh(values)
-    white = axes / size.clamp_min(CHANNEL_FLOOR * size.max()).sqrt()
+    white = axes / size.clamp_min(RELATIVE_VARIANCE_FLOOR * size.max()).sqrt()
     mix = white @ torch.linalg.eigh(white.mT @ bends @ white).eigenvectors
     return mix.float(), torch.linalg.inv(mix).float()
 

@@ -10,9 +10,9 @@ FLOW_SAMPLERS: tuple[FlowSampler, ...] = get_args(FlowSampler)
 SAMPLER_TITLES = {
     "euler": "Euler (first order)",
     "heun": "Heun (second order)",
-    "reinterpolate": "Official re-interpolation",
+    "reinterpolate": "Re-interpolation (official GlobalDiff)",
     "ddim": "DDIM",
-    "posterior": "Drawn from the posterior (few-step generators)",
+    "posterior": "Posterior sampling (few-step generators)",
     "lcm": "LCM",
 }
 """Names of the samplers for users."""
@@ -37,8 +37,7 @@ class SamplerChoice:
     title: str = ""
     """Name for users; empty to use ``name``."""
     default_guidance: float | None = None
-    """Default guidance scale of the speech; None if it cannot be chosen, and is that of
-    training."""
+    """Default guidance scale of speech; None if it cannot be chosen, and is that of training."""
 
 
 def make_samplers(

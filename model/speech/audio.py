@@ -35,11 +35,11 @@ _CONTAINERS = (
     "wav,w64,aiff,au,caf,flac,ogg,mp3,aac,mov,matroska,amr,asf,wv,avi,mpegts,mpeg,nistsphere,voc,"
     "tta,ac3,eac3"
 )
-MIN_GAP_S = 0.1
+MIN_TIMESTAMP_GAP_S = 0.1
 """Shortest gap between a file's time stamps (s) that is filled with silence."""
 _LATE = "The sound starts {seconds:.1f} s after the start of the file; silence was added before it."
 _RESAMPLE = f"aresample={SAMPLE_RATE}:osf=flt"
-_FILL_GAPS = f"{_RESAMPLE},aresample=async=1:min_comp={MIN_GAP_S}:first_pts=0"
+_FILL_GAPS = f"{_RESAMPLE},aresample=async=1:min_comp={MIN_TIMESTAMP_GAP_S}:first_pts=0"
 """ffmpeg filter that places samples by their time stamps. It follows the resampling, so that a gap
 takes no more memory in ffmpeg than in the result."""
 _MAX_TRACKS = 8
@@ -141,8 +141,8 @@ def load_speech(path: str | Path, options: SpeechReadOptions = SpeechReadOptions
     missing_s = (decoded.declared_s or 0.0) - len(waveform) / SAMPLE_RATE
     if missing_s > max(0.1, 0.01 * (decoded.declared_s or 0.0)):
         notes.append(
-            f"Only {len(waveform) / SAMPLE_RATE:.1f} s of the {decoded.declared_s:.1f} s that the "
-            "file states could be read; it is damaged or cut off."
+            f"Only {len(waveform) / SAMPLE_RATE:.1f} s could be read of the "
+            f"{decoded.declared_s:.1f} s that the file states; the file is damaged or cut off."
         )
     peak = float(np.abs(waveform).max())
     if peak > 1:
@@ -219,7 +219,7 @@ def _check_waveform(
         )
     peak = float(np.abs(waveform).max())
     if peak < SILENCE_PEAK:
-        level = f"{20 * np.log10(peak):.0f} dB of full scale" if peak > 0 else "zero"
+        level = f"{20 * np.log10(peak):.0f} dBFS" if peak > 0 else "zero"
         raise SpeechError(
             f"{name} is silent (its loudest sample is {level}); check the microphone or the file."
         )
@@ -392,7 +392,7 @@ def _with_late_start(
     sounds = [stream for kind, stream in _STREAM.findall(log) if kind == "Audio"]
     own = re.search(r", start (\d+\.\d+)", sounds[track]) if track < len(sounds) else None
     late_s = float(own[1]) - float(start[1]) if start and own else 0.0
-    if not _LATE_FORMATS.search(log) or not MIN_GAP_S <= late_s <= max_s:
+    if not _LATE_FORMATS.search(log) or not MIN_TIMESTAMP_GAP_S <= late_s <= max_s:
         return waveform, []
     return np.pad(waveform, (round(late_s * SAMPLE_RATE), 0)), [_LATE.format(seconds=late_s)]
 
@@ -424,8 +424,7 @@ _STREAM = re.compile(r"^  Stream #0:\d+.*?: (Audio|Video): (.*(?:\n   .*)*)", re
 def _parse_log(log: str, track: int) -> tuple[int | None, float | None, int]:
     """Parse the rate (Hz), stated duration (s) and number of sound tracks from ffmpeg's log.
 
-    A duration that ffmpeg only estimates is ignored, and so is that of a video, unless the log also
-    reports damage.
+    A duration estimated by ffmpeg is ignored, as is a video's, unless the log also reports damage.
     """
     source = log.split("\nOutput #0", 1)[0]
     streams = _STREAM.findall(source)

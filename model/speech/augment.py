@@ -1,7 +1,7 @@
 """Augmentation of speech waveforms: speed, room, noise, band limits and gain.
 
 Pure functions of a 16 kHz mono waveform. `apply_recording_conditions` applies room, noise and
-microphone in this order. Only `change_speech_speed` changes the timing; after the others, the
+microphone in this order. Only `perturb_speed` changes the timing; after the others, the
 motion still fits the speech.
 """
 
@@ -64,7 +64,7 @@ def apply_recording_conditions(
     return apply_gain(waveform, recording.gain_db)
 
 
-def change_speech_speed(waveform: Waveform, speed: float) -> Waveform:
+def perturb_speed(waveform: Waveform, speed: float) -> Waveform:
     """Resample to play ``speed`` times as fast, and higher in pitch; ``speed`` in hundredths."""
     return resample_poly(waveform, 100, round(100 * speed)).astype(np.float32)
 

@@ -55,10 +55,9 @@ class SpeechEncoderConfig:
     speech_dim: int = 68
     width: int = 128
     codes: int = 48
-    """Dimension of the code of each frame."""
+    """Dimension of the continuous code of each frame."""
     dilations: tuple[int, ...] = (1, 2, 4, 8, 16)
-    """Dilations of the convolutions of width three: a context of about one second on either
-    side."""
+    """Dilations of the convolutions of width three: a context of about one second on each side."""
 
     @property
     def context_frames_per_side(self) -> int:

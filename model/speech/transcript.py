@@ -14,15 +14,15 @@ from typing import Literal, TypeVar
 
 from model.plan import annotation_files
 from model.plan.annotation_files import Interval, NamedTier
-from model.speech.word_files import parse_captions, parse_ctm, parse_recogniser_json, parse_table
+from model.speech.word_files import parse_captions, parse_ctm, parse_labels, parse_recogniser_json
 from model.storage.files import read_within_limit
 
 MAX_BYTES = 8 * 2**20
 """Size limit of a file in bytes; an hour of speech with all its phones has less than 4 MiB."""
-MAX_WORDS = 50_000
+MAX_PER_TIER = 50_000
 """Largest number of intervals in a tier."""
 MAX_GESTURE_TIERS = 4
-MAX_NAME = 200
+MATCHED_TIER_NAME_CHARS = 200
 """Number of characters of a tier's name that are matched."""
 MAX_TEXT = 256 * 2**10
 """Largest number of characters of a plain text; an hour of speech has less than 80,000."""
@@ -34,12 +34,11 @@ _SPEAKER = re.compile(r".*\S\s+-\s+")
 """Name of a speaker before that of a tier: "anna - words"."""
 SPARE_S = 0.5
 """Time by which words and plans may be longer than the speech without a note (s)."""
-MOST_IN_A_ROW = 1.5
+MAX_MEAN_WORDS_PER_ROW = 1.5
 """Average number of words per row up to which rows count as words, not sentences."""
 AnyInterval = TypeVar("AnyInterval", bound=Interval)
 TranscriptSource = Literal["given", "aligned", "recognised"]
-"""Source of the words and their times: a file with times, alignment of a plain text, or recognition
-of the speech."""
+"""Source of words and times: a file with times, alignment of plain text, or speech recognition."""
 GESTURE_TIER = re.compile(r"gesture|phase|stroke", re.IGNORECASE)
 """Pattern in the names of gesture tiers."""
 ACCENT_TIER = "accents"
@@ -145,9 +144,8 @@ def read_textgrid_transcript(path: str | Path) -> Transcript:
 def read_words_file(path: str | Path) -> WordsFile:
     """Read a TextGrid, a file of timed words or captions (`ENDINGS`), or a plain text (.txt, .lab).
 
-    Captions and segments of more than one word each are returned as a text without times. Raises
-    TranscriptError as `read_textgrid_transcript`, or if another file is too large, damaged, or has
-    no words.
+    Captions and segments of several words are read as a text without times. Raises TranscriptError
+    as `read_textgrid_transcript`, or if another file is too large, damaged, or has no words.
     """
     path = Path(path)
     name, ending = path.name, path.suffix.lower()
@@ -166,7 +164,7 @@ def read_words_file(path: str | Path) -> WordsFile:
         case ".ctm":
             rows = parse_ctm(text, name, TranscriptError)
         case ".tsv" | ".lab" | ".txt":
-            rows = parse_table(text, ending == ".lab")
+            rows = parse_labels(text, ending == ".lab")
             if rows is None and ending == ".tsv":
                 raise TranscriptError(
                     f"{name} is not a table of start, end and word, separated by tabs."
@@ -202,7 +200,7 @@ def _of_rows(rows: Sequence[Interval], name: str, are_words: bool = False) -> Wo
     intervals = _intervals(rows, "word", name)
     end_s = max((row.end_s for row in intervals), default=0.0)
     count = sum(len(row.text.split()) for row in intervals)
-    if are_words or count <= MOST_IN_A_ROW * len(intervals):
+    if are_words or count <= MAX_MEAN_WORDS_PER_ROW * len(intervals):
         if not intervals:
             raise TranscriptError(f"{name} holds no words.")
         words = tuple(Word(row.start_s, row.end_s, row.text) for row in intervals)
@@ -248,7 +246,7 @@ def _kind_of(name: str) -> Literal["words", "phones", ""]:
 
 
 def _speaker(name: str) -> str:
-    match = _SPEAKER.match(name.strip()[:MAX_NAME])
+    match = _SPEAKER.match(name.strip()[:MATCHED_TIER_NAME_CHARS])
     return "" if match is None else match[0]
 
 
@@ -292,7 +290,7 @@ def _accents(tiers: list[NamedTier]) -> tuple[Accent, ...]:
     """Return the accents in order of time, without labels that are not numbers."""
     rows = next((t.rows for t in tiers if t.has_points and t.name == ACCENT_TIER), ())
     accents = [Accent(r.start_s, float(r.text)) for r in rows if _ACCENT.fullmatch(r.text)]
-    valid = (accent for accent in accents[:MAX_WORDS] if 0 <= accent.time_s < inf)
+    valid = (accent for accent in accents[:MAX_PER_TIER] if 0 <= accent.time_s < inf)
     return tuple(sorted(valid, key=lambda accent: accent.time_s))
 
 
@@ -308,8 +306,8 @@ def _intervals(rows: Sequence[Interval], noun: str, name: str) -> tuple[Interval
             )
         if label:
             intervals.append(Interval(row.start_s, row.end_s, label))
-    if len(intervals) > MAX_WORDS:
+    if len(intervals) > MAX_PER_TIER:
         raise TranscriptError(
-            f"{name} holds {len(intervals)} {noun}s; at most {MAX_WORDS} are read."
+            f"{name} holds {len(intervals)} {noun}s; the limit is {MAX_PER_TIER}."
         )
     return tuple(sorted(intervals, key=lambda interval: interval.start_s))

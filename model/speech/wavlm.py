@@ -58,7 +58,7 @@ def load_speech_model(folder: Path, class_name: str) -> tuple[SpeechModel, int]:
     except ImportError as error:
         raise EncoderError(
             "WavLM and HuBERT need the package transformers: pip install transformers, or use the "
-            "encoder mel64 or prepared features."
+            "encoder mel64 or precomputed features."
         ) from error
     try:
         model = getattr(transformers, class_name).from_pretrained(folder, local_files_only=True)

@@ -72,7 +72,7 @@ class Pronunciation:
     """Key of the word in the pronunciation dictionary, which may list several pronunciations;
     None if the word is not in it."""
     phones: str
-    """One pronunciation, for words that are not in the dictionary."""
+    """One pronunciation, phones separated by spaces."""
 
 
 def pronounce_text(text: str, lookup: Lookup) -> list[Pronunciation]:

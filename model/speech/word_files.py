@@ -14,7 +14,7 @@ from typing import Any
 
 from model.plan.annotation_files import Interval
 
-SHORTEST_S = 0.01
+DEFAULT_WORD_DURATION_S = 0.01
 """Duration (s) of a word that a recogniser wrote with equal start and end."""
 _NUMBER = r"(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
 _TABLE_ROW = re.compile(rf"\s*{_NUMBER}[\t ]+{_NUMBER}[\t ]+(\S.*)")
@@ -28,7 +28,7 @@ _MARKUP = re.compile(r"<[^<>]*>|\{\\[^{}]*\}")
 _SILENCES = {"sil", "sp", "pau", "<eps>", "<sil>", "#"}
 
 
-def parse_table(text: str, is_label_file: bool = False) -> list[Interval] | None:
+def parse_labels(text: str, is_label_file: bool = False) -> list[Interval] | None:
     """Parse lines of start, end and label in seconds.
 
     Times are milliseconds below Whisper's header, and units of 100 ns in a label file (.lab) of
@@ -130,7 +130,9 @@ def parse_recogniser_json(
 def _labelled(spans: list[tuple[float, float, str]]) -> Iterator[Interval]:
     for start_s, end_s, label in spans:
         if (label := label.strip()) and label not in _SILENCES:
-            yield Interval(start_s, end_s if end_s != start_s else start_s + SHORTEST_S, label)
+            yield Interval(
+                start_s, end_s if end_s != start_s else start_s + DEFAULT_WORD_DURATION_S, label
+            )
 
 
 def _number(value: object) -> float | None:

@@ -50,7 +50,9 @@ class WeightsCard(dict[str, Any]):
         try:
             yield
         except (KeyError, TypeError, AttributeError) as error:
-            sentence = f"The card of {self.weights} has a missing or wrong entry: {error}."
+            sentence = (
+                f"The weights card (JSON) of {self.weights} has a missing or wrong entry: {error}."
+            )
             raise CheckpointError(sentence) from None
 
     @property
@@ -84,7 +86,7 @@ class WeightsCard(dict[str, Any]):
             raise
         except ValueError as error:
             raise CheckpointError(
-                f"The card of {self.weights} has a wrong entry: {error}"
+                f"The weights card (JSON) of {self.weights} has a wrong entry: {error}"
             ) from None
 
     @property
@@ -157,7 +159,7 @@ def _of_kind(path: str, old: Any, new: Any) -> Any:
         return float(new)
     same = isinstance(new, list) if isinstance(old, tuple) else type(new) is type(old)
     if not same:
-        raise ValueError(f"{path} must have the same type as {old!r}; got {new!r}.")
+        raise ValueError(f"{path} must have the type of its present value {old!r}; got {new!r}.")
     return new
 
 

@@ -51,8 +51,8 @@ def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], WeightsC
     digest = hashlib.sha256(content).hexdigest()
     if digest != card.sha256:
         raise CheckpointError(
-            f"{path} has the sha256 {digest[:12]}..., but its card states {card.sha256[:12]}...; "
-            "restore both files from the same source."
+            f"{path} has the sha256 {digest[:12]}..., but its model card (.json) states "
+            f"{card.sha256[:12]}...; restore both files from the same source."
         )
     try:
         tensors = load(content)
@@ -69,7 +69,9 @@ def load_module(
     wrong = tensor_mismatches(module.state_dict(), state)
     if wrong:
         more = f" ({len(wrong) - 1} more differ)" if len(wrong) > 1 else ""
-        raise CheckpointError(f"The weights of {name} do not fit their card: {wrong[0]}{more}.")
+        raise CheckpointError(
+            f"The weights of {name} do not match the network in their model card: {wrong[0]}{more}."
+        )
     module.load_state_dict(state, strict=True)
 
 
@@ -93,12 +95,11 @@ _PREFIX = "module."
 _WRAPPERS = ("state_dict", "model", "model_state_dict", "model_state", "net", "gen_dict")
 
 
-def read_tensors(path: Path) -> dict[str, Tensor]:
+def read_torch_checkpoint(path: Path) -> dict[str, Tensor]:
     """Read a checkpoint's tensors by the names of the bare network, floats as float32.
 
-    Files of any version of ``torch.save`` are read, alone or in a zip, with or without the prefix
-    of a parallel network, from any device; nothing in them is executed. Raises CheckpointError for
-    any other file.
+    Files of any version of ``torch.save`` are read, alone or in a zip, with or without a parallel
+    network's prefix, from any device; nothing is executed. Raises CheckpointError for other files.
     """
     try:
         content = _loaded(path)
@@ -111,7 +112,9 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
         if isinstance(content, Mapping) and isinstance(content.get(name), Mapping):
             content = content[name]
     if not isinstance(content, Mapping) or not content:
-        raise CheckpointError(f"{path.name} holds no table of tensors; give a saved state_dict.")
+        raise CheckpointError(
+            f"{path.name} holds no dictionary of tensors; give a saved state_dict."
+        )
     tensors: dict[str, Tensor] = {}
     for key, tensor in content.items():
         if not isinstance(tensor, Tensor):
@@ -136,13 +139,13 @@ def _loaded(path: Path) -> Any:
         inside = [item for item in members if "__MACOSX" not in item.filename]
         if len(inside) != 1:
             raise CheckpointError(
-                f"{path.name} holds {len(inside)} files; a zip of one checkpoint is needed. "
-                "Unpack it into the folder."
+                f"{path.name} holds {len(inside)} files, but a zip must hold exactly one "
+                "checkpoint; unpack it and use the checkpoint file itself."
             )
         if inside[0].file_size > MAX_BYTES:
             raise CheckpointError(
-                f"{path.name} would unpack to {inside[0].file_size / 1e9:.1f} GB; at most "
-                f"{MAX_BYTES / 1e9:.0f} GB are read."
+                f"{path.name} would unpack to {inside[0].file_size / 1e9:.1f} GB; the limit is "
+                f"{MAX_BYTES / 1e9:.0f} GB."
             )
         content = io.BytesIO(archive.read(inside[0]))
     return torch.load(content, map_location="cpu", weights_only=True)
@@ -168,5 +171,5 @@ def check_tensors(
     if unknown:
         raise CheckpointError(
             f"{name} holds values that are not finite (NaN or infinite), first in {unknown[0]}; "
-            "give another copy or epoch."
+            "use another copy of the file, or a checkpoint of another epoch."
         )

@@ -38,7 +38,7 @@ _REASONS = {
     errno.EPERM: "permission denied; choose a folder you may write to",
     errno.EROFS: "the disk is read-only; choose another folder",
     errno.ENOENT: "its folder does not exist; create it first",
-    errno.ENOTDIR: "its folder is a file; choose another folder",
+    errno.ENOTDIR: "part of its path is a file, not a folder; choose another folder",
     errno.EISDIR: "a folder has that name; choose another name",
     errno.EEXIST: "a file has that name; choose another name",
 }
@@ -148,7 +148,7 @@ class _LimitedReader(io.BufferedReader):
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is not None and size > self.max_read:
-            raise ZipDirectoryTooLargeError(f"a directory of {size} bytes")
+            raise ZipDirectoryTooLargeError(f"the zip's directory is too large ({size} bytes)")
         return super().read(size)
 
 

@@ -51,7 +51,7 @@ def parse_json(content: bytes | str, kind: type[T], context: Any = None) -> T:
     try:
         return type_adapter(kind).validate_json(content, context=context)
     except ValidationError as error:
-        raise InvalidJsonError(validation_message(error)) from error
+        raise InvalidJsonError(first_error_clause(error)) from error
 
 
 @functools.cache
@@ -59,7 +59,7 @@ def type_adapter(kind: Any) -> TypeAdapter:
     return TypeAdapter(kind)
 
 
-def validation_message(error: ValidationError) -> str:
+def first_error_clause(error: ValidationError) -> str:
     """Describe the first error as the end of a sentence; unknown names take precedence."""
     return printable(_why(error))[:300]
 

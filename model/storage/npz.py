@@ -36,8 +36,8 @@ def check_size(path: Path) -> None:
     size = path.stat().st_size
     if size > MAX_FILE_BYTES:
         raise MotionError(
-            f"{path.name} is {size / 2**20:.0f} MiB; at most {MAX_FILE_BYTES // 2**20} MiB are "
-            "read. Cut it first."
+            f"{path.name} is {size / 2**20:.0f} MiB; the limit is {MAX_FILE_BYTES // 2**20} MiB. "
+            "Shorten the motion first."
         )
 
 
@@ -79,8 +79,8 @@ def read_headers(
     size = sum(entry.file_size for entry in entries)
     if len(entries) > _MAX_ENTRIES or size > MAX_BYTES:
         raise MotionError(
-            f"{name} would unpack to {size / 2**20:.0f} MiB in {len(entries)} arrays; at most "
-            f"{MAX_BYTES // 2**20} MiB in {_MAX_ENTRIES} arrays are read."
+            f"{name} would unpack to {size / 2**20:.0f} MiB in {len(entries)} arrays; the limits "
+            f"are {MAX_BYTES // 2**20} MiB and {_MAX_ENTRIES} arrays."
         )
     headers: dict[str, Header] = {}
     for entry in entries:

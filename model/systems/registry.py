@@ -55,13 +55,13 @@ def check_family(family: object) -> None:
     for name in family.available_systems(family.shipped_weights_folder):
         speakers = family.card(name, family.shipped_weights_folder).get("speakers")
         if not isinstance(speakers, dict) or not speakers:
-            raise FamilyUnavailableError(f"the card of {name} names no speakers.")
+            raise FamilyUnavailableError(f"the model card of {name} lists no speakers.")
 
 
 def _entry_label(entry: Any) -> str:
     # Where the backport importlib_metadata is imported, entries of other folders are of its class.
     package = f" of the package {entry.dist.name}" if entry.dist else ""
-    return f"The family {entry.name!r}{package} ({entry.value})"
+    return f"The system family {entry.name!r}{package} ({entry.value})"
 
 
 def _why(error: BaseException) -> str:
@@ -113,7 +113,7 @@ def family_of(name: str) -> Family:
 
 
 def representatives(topic: Topic) -> tuple[str, ...]:
-    """Return the systems that represent the families, in their order, with or without weights."""
+    """Return the systems, any number of each family, that represent them in a topic."""
     return tuple(name for family in _FAMILIES for name in family.representatives.get(topic, ()))
 
 
@@ -159,7 +159,7 @@ def shared_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
     return tuple(sorted(shared, key=lambda name: tables[0][name]))
 
 
-def possible_system_files(name: str, folder: Path = BUNDLED_WEIGHTS) -> Iterator[Path]:
+def files_affecting_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> Iterator[Path]:
     """Yield every file of which a system may consist, and others; none for an unknown system.
 
     They are all weights and cards of its folder, and the files named for its family.

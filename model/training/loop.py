@@ -146,8 +146,8 @@ def train(
     """
     if config.batch_size % shard.count:
         raise TrainingError(
-            f"batch_size is {config.batch_size}; it must be a multiple of the {shard.count} "
-            "processes."
+            f"batch_size is {config.batch_size}; it must be a multiple of the number of "
+            f"processes ({shard.count})."
         )
     encoder = make_encoder(config.encoder)
     with shard.first_process_first():

@@ -70,7 +70,7 @@ def finite_or_raise(numbers: dict[str, float], step: int, clips: list[str]) -> N
         if not math.isfinite(value):
             clips = list(dict.fromkeys(clips))
             raise FloatingPointError(
-                f"The {name} is {value} at step {step}; clips: {', '.join(clips)}."
+                f"The {name} is {value} at step {step}; clips in the batch: {', '.join(clips)}."
             )
 
 

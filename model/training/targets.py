@@ -43,7 +43,7 @@ class Targets:
     skeleton: RestSkeleton
     vectors: np.ndarray
     """Motion vectors (N, C), not normalised."""
-    pelvis_aligned_positions: np.ndarray
+    untranslated_positions: np.ndarray
     """Joint positions (N, 165) in metres, with the pelvis at its place in the rest pose."""
 
     def for_batch(
@@ -56,7 +56,7 @@ class Targets:
         decoded = DecodedMotion(
             R_world_joint=rotations_of(vectors, self.space) if with_rotations else None,
             untranslated_positions=torch.from_numpy(
-                self.pelvis_aligned_positions[batch.frame_rows]
+                self.untranslated_positions[batch.frame_rows]
             ).unflatten(-1, (NUM_JOINTS, 3)),
             translation=packing.root_positions(vectors[..., -spaces.ROOT_DIM :], self.root_format),
             global_vectors=vectors if with_rotations else None,
@@ -116,7 +116,7 @@ def augmented_speech(
     return speech
 
 
-def network_conditions(
+def masked_conditions(
     config: TrainConfig,
     network: nn.Module,
     batch: Batch,
@@ -182,7 +182,7 @@ def fit_or_reuse_motion_prior(
         return start_weights.normaliser, start_weights.prior(shape.seed_frames)
     windows = [targets.windows(batch) for batch in prior_batches(data, shape.window_frames)]
     normaliser = fit_motion_normaliser(data, targets, shape.window_frames)
-    return fit_component_prior(normaliser, windows, shape.seed_frames)
+    return fit_components_and_prior(normaliser, windows, shape.seed_frames)
 
 
 def fit_or_reuse_face_prior(
@@ -194,10 +194,10 @@ def fit_or_reuse_face_prior(
     windows = [batch.arkit_weights for batch in prior_batches(data, shape.window_frames)]
     units = torch.cat([batch.flatten(0, 1) for batch in windows])
     normaliser = Normaliser(units.mean(0), units.std(0).clamp_min(STD_FLOOR))
-    return fit_component_prior(normaliser, windows, shape.seed_frames)
+    return fit_components_and_prior(normaliser, windows, shape.seed_frames)
 
 
-def fit_component_prior(
+def fit_components_and_prior(
     normaliser: Normaliser, windows: Sequence[Float[Tensor, "N T C"]], seed_frames: int
 ) -> tuple[Normaliser, GaussianPrior]:
     """Add nearly uncorrelated components to the statistics, and fit their prior."""

@@ -63,8 +63,8 @@ class TaskSetup:
             ]
             if outside:
                 raise DataError(
-                    f"The numbers of the speakers {', '.join(outside)} must be from 1 to "
-                    f"{num_speakers - 1}."
+                    f"The speaker numbers {', '.join(outside)} are out of range; they must be from "
+                    f"1 to {num_speakers - 1}."
                 )
         torch.manual_seed(config.random_seed)
         if self.initial_weights is None:
@@ -139,8 +139,7 @@ class SingleNetworkTask(ABC):
         start_weights: result of `TaskSetup.seed_and_read_initial_weights`.
         normaliser: statistics of the input, saved with the weights.
         window_frames, context_frames: see `Task`.
-        statistics: further tensors to save with the weights, besides the prior of a network that
-            has one.
+        statistics: further tensors to save with the weights, besides the network's prior, if any.
     """
 
     state_attributes: ClassVar[tuple[str, ...]] = ("network", "average", "optimizer")

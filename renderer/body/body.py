@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from conventions.views import BODY_LOOKS
 from renderer.body import skinning
-from renderer.body.body_file import OPEN_BODY_PATH, BodyArrays, BodyError, read_body_file
+from renderer.body.body_file import OPEN_BODY_PATH, BodyArrays, BodyError, read_body_npz
 from renderer.body.character import SUFFIXES, read_character
 from renderer.body.look import CLAY, vertex_colors
 
@@ -107,7 +107,7 @@ class Body(BodyArrays):
 
     @cached_property
     def vertex_colors(self) -> Float32[np.ndarray, "V 3"]:
-        """Linear RGB in 0 to 1; clay if the body file has no painted regions."""
+        """Linear RGB in 0 to 1: of painted regions, or factors of the texture; else clay."""
         if self.texture is not None:
             return self.texture.colors
         if self.regions is None:
@@ -150,7 +150,8 @@ class Body(BodyArrays):
             )
         if motion.betas[num_betas:].any():
             notes.append(
-                f"The body ({self.name}) has {num_betas} betas; the motion's others are left out."
+                f"The body ({self.name}) has {num_betas} betas; the motion's further betas are "
+                "left out."
                 if num_betas
                 else f"The motion's betas are left out: the body ({self.name}) has only one shape."
             )
@@ -189,7 +190,7 @@ class Body(BodyArrays):
         return vertices, joints.astype(np.float64)
 
     def expression_weights(self, motion: BodyMotion, frames: slice) -> Float32[np.ndarray, "T E"]:
-        """Return the weight of each expression component in some frames."""
+        """Return component weights in some frames: 0 in another basis, but for `jaw_component`."""
         num_components = len(self.expression_dirs)
         weights = np.zeros((frames.stop - frames.start, num_components), np.float32)
         if motion.expression_basis == self.expression_basis:
@@ -242,13 +243,13 @@ def load_body(path: Path | None = None, look: str = BODY_LOOKS[0]) -> Body:
     if look not in BODY_LOOKS:
         raise BodyError(f"Unknown look '{look}'; choose one of {', '.join(BODY_LOOKS)}.")
     if path is None:
-        arrays = read_body_file(OPEN_BODY_PATH, look.partition("-")[0])
+        arrays = read_body_npz(OPEN_BODY_PATH, look.partition("-")[0])
         return Body(**vars(arrays), body_look=look)
     if look != BODY_LOOKS[0]:
         raise BodyError(
-            f"The look '{look}' is for the open body, and {Path(path).name} has only one look; "
-            "leave out either the look or the body file."
+            f"The look '{look}' is for the bundled open body, and {Path(path).name} has only one "
+            "look; leave out either the look or the body file."
         )
     if Path(path).suffix.lower() in SUFFIXES:
         return Body(**vars(read_character(Path(path))))
-    return Body(**vars(read_body_file(Path(path))))
+    return Body(**vars(read_body_npz(Path(path))))

@@ -102,7 +102,7 @@ class BodyArrays:
         return self.weights.toarray().argmax(axis=1)  # 50 times as fast as with a sparse matrix
 
 
-def read_body_file(path: Path, body_build: str = BODY_BUILDS[0]) -> BodyArrays:
+def read_body_npz(path: Path, body_build: str = BODY_BUILDS[0]) -> BodyArrays:
     """Read and check the arrays of a body file; an open body has several builds.
 
     Raises BodyError if the file is missing, no body, damaged, or not SMPL-X shaped.

@@ -30,8 +30,8 @@ SUFFIXES = (".glb", ".vrm")
 MAX_TARGET_VALUES = 40_000_000
 """Most values of all blendshapes that are read."""
 MAX_REACH_M = 20.0
-"""Distance from the pelvis (m) beyond which a vertex is none of a person's."""
-MAX_ARM_TWIST_DEG = 30.0
+"""Largest coordinate (m) of a vertex of a person at the origin."""
+MAX_UPPER_ARM_TWIST_DEG = 30.0
 """Twist of the hand that the upper arm shares; the forearm takes more, as when a palm turns up."""
 
 _SIDES = ("left", "right")
@@ -193,7 +193,7 @@ class _Character:
         joint_map: JointMap = {name: [node] for name, node in self.bones.items()}
         if "right_hip" not in joint_map:
             joint_map.pop("left_hip", None)
-        up, across, hang = tree.body_axes(joint_map)
+        up, across, hang = tree.body_axes_and_leg_cosine(joint_map)
         if hang < 0.5:
             raise BodyError(
                 f"{self._gltf.name} does not stand in its rest pose; export it in a T-pose or "
@@ -370,7 +370,8 @@ class _Character:
         faces = corners[: len(corners) // 3 * 3].reshape(-1, 3)
         if len(faces) and not 0 <= faces.min() <= faces.max() < count:
             raise BodyError(
-                f"{self._gltf.name}: a triangle refers to a vertex that does not exist."
+                f"{self._gltf.name} is damaged: a triangle refers to a missing vertex; export it "
+                "again."
             )
         return faces
 
@@ -389,7 +390,9 @@ class _Character:
         skin = gltf.element("skins", gltf.nodes[node]["skin"])
         joints = np.array(skin["joints"], np.int64)
         if len(joints) == 0 or not 0 <= joints.min() <= joints.max() < len(gltf.nodes):
-            raise BodyError(f"{gltf.name}: a skin refers to a joint that does not exist.")
+            raise BodyError(
+                f"{gltf.name} is damaged: a skin refers to a missing joint; export it again."
+            )
         binds = np.tile(np.eye(4), (len(joints), 1, 1))
         if "inverseBindMatrices" in skin:
             stored = gltf.accessor_array(skin["inverseBindMatrices"])[: len(joints)]
@@ -402,7 +405,10 @@ class _Character:
         shares = np.hstack([gltf.accessor_array(attributes[f"WEIGHTS_{n}"]) for n in sets]).clip(0)
         shares = shares.astype(np.float64)
         if which.shape[0] != count or shares.shape != which.shape or which.max() >= len(joints):
-            raise BodyError(f"{gltf.name}: the skinning weights do not match vertices and joints.")
+            raise BodyError(
+                f"{gltf.name} is damaged: its skinning weights do not match its vertices and "
+                "joints; export it again."
+            )
         total = shares.sum(axis=1, keepdims=True)
         shares[:, :1] += total <= 0  # a vertex without weights follows its first joint
         shares /= shares.sum(axis=1, keepdims=True)
@@ -423,13 +429,11 @@ class _Character:
             remarks[0] += f"; joints without a bone do not move: {join_names(shown)}"
         remarks.append(shapes.remark)
         remarks.append(
-            "It keeps its own proportions, so a hand that touches the body in the motion may miss "
-            "it here; metrics are computed on the open body's skeleton"
+            "The character keeps its own proportions, so a hand that touches the body in the "
+            "motion may miss it here; metrics are computed on the bundled open body's skeleton"
         )
         if num_missing:
-            remarks.append(
-                f"{pluralise(num_missing, 'texture')} could not be read and are left out"
-            )
+            remarks.append(f"Left out as unreadable: {pluralise(num_missing, 'texture')}")
         return tuple(f"{each}." for each in remarks)
 
 
@@ -520,7 +524,7 @@ def _hand_turns(side: str, turns: Turns, theirs: Positions, ours: Positions) -> 
         frames.append(_frame(along, palms[-1]))
     hand = Rotation.from_matrix(frames[1] @ frames[0].T)
     palm = hand.apply(palms[0])
-    limb, most = (shoulder, elbow, wrist), np.radians(MAX_ARM_TWIST_DEG)
+    limb, most = (shoulder, elbow, wrist), np.radians(MAX_UPPER_ARM_TWIST_DEG)
     return {wrist: hand} | _twisted(limb, turns, theirs, ours, palms[0], palm, most)
 
 

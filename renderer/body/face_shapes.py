@@ -13,7 +13,7 @@ from jaxtyping import Float32, Float64, Int64
 
 from renderer.body.gltf import Gltf
 
-TargetWeights = dict[int, dict[int, float]]
+ComponentWeightsByTarget = dict[int, dict[int, float]]
 """Weights of expression components, by index of a primitive's target."""
 _MIN_OFFSET_M = 2e-5
 _SIDES = re.compile(r"[_ .](l|r)$", re.IGNORECASE)
@@ -67,7 +67,7 @@ class FaceBlendshapes:
         self._gltf = gltf
         self._names = names
         self._binds = self._read_binds()
-        self._weights: dict[int, TargetWeights] = {}  # by mesh
+        self._weights: dict[int, ComponentWeightsByTarget] = {}  # by mesh
         self.remark = self._assign()
         self._rows: list[tuple[np.ndarray, np.ndarray]] = []
         self._count = 0
@@ -116,7 +116,8 @@ class FaceBlendshapes:
                     break
         if len(matches) < 3:
             self._driven: frozenset[str] = frozenset()
-            return "Its face has no known blendshapes; jaw and eyes move only if they have bones"
+            missing = "The character's face has no known blendshapes"
+            return f"{missing}; jaw and eyes move only if they have bones"
         for name, shapes in matches.items():
             for shape, share in shapes:
                 for mesh, target, weight in self._binds[_plain(shape)]:
@@ -124,13 +125,13 @@ class FaceBlendshapes:
                     component = self._names.index(name)
                     of_target[component] = of_target.get(component, 0.0) + share * weight
         self._driven = frozenset(matches)
-        return f"Its face is animated with {kind}"
+        return f"The character's face is animated with {kind}"
 
     def is_driven(self, expression_name: str) -> bool:
         """Check whether an expression component moves the face."""
         return expression_name in self._driven
 
-    def target_weights_by_mesh(self) -> dict[int, TargetWeights]:
+    def target_weights_by_mesh(self) -> dict[int, ComponentWeightsByTarget]:
         """Return the component weights of each target, by mesh of the file."""
         return self._weights
 

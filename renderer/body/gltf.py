@@ -37,7 +37,7 @@ def read_glb_bytes(path: Path) -> bytes:
     num_bytes = path.stat().st_size
     if num_bytes > MAX_FILE_BYTES:
         raise BodyError(
-            f"{path.name} has {num_bytes / 1e6:.0f} MB; the limit for a character is "
+            f"{path.name} is {num_bytes / 1e6:.0f} MB; the limit for a character is "
             f"{MAX_FILE_BYTES / 1e6:.0f} MB. Export it with smaller textures."
         )
     return path.read_bytes()
@@ -57,7 +57,7 @@ class Gltf:
             )
         if json_bytes > MAX_JSON_BYTES:
             raise BodyError(
-                f"The JSON part of {name} has {json_bytes / 1e6:.0f} MB; "
+                f"The JSON part of {name} is {json_bytes / 1e6:.0f} MB; "
                 f"the limit is {MAX_JSON_BYTES / 1e6:.0f} MB."
             )
         self.document: dict[str, Any] = json.loads(content[20 : 20 + json_bytes])
@@ -79,7 +79,9 @@ class Gltf:
             if self.parents[node] >= 0:
                 self.world[node] = self.world[self.parents[node]] @ self.local[node]
         if not np.isfinite(self.world).all():
-            raise BodyError(f"{name}: the position of a node is not finite.")
+            raise BodyError(
+                f"{name} is damaged: the position of a node is not finite; export it again."
+            )
 
     def _tree(self) -> tuple[list[int], list[int]]:
         """Return the parent of each node, and the nodes depth first; refuse cycles."""
@@ -87,7 +89,9 @@ class Gltf:
         for index, node in enumerate(self.nodes):
             for child in node.get("children", ()):
                 if child < 0 or parents[child] >= 0:
-                    raise BodyError(f"{self.name}: node {child} is a child of two nodes.")
+                    raise BodyError(
+                        f"{self.name} is damaged: node {child} has two parents; export it again."
+                    )
                 parents[child] = index
         order: list[int] = []
         waiting = [index for index, parent in enumerate(parents) if parent < 0][::-1]
@@ -95,7 +99,7 @@ class Gltf:
             order.append(waiting.pop())
             waiting += self.nodes[order[-1]].get("children", ())[::-1]
         if len(order) < len(parents):
-            raise BodyError(f"{self.name}: the nodes form a cycle.")
+            raise BodyError(f"{self.name} is damaged: its nodes form a cycle; export it again.")
         return parents, order
 
     def element(self, list_name: str, index: int) -> dict:
@@ -138,7 +142,10 @@ class Gltf:
             )
         stride = view.get("byteStride") or kind.itemsize * width
         if min(offset, view.get("byteOffset", 0), stride, count) < 0:
-            raise BodyError(f"{self.name}: an array starts before the beginning of the file.")
+            raise BodyError(
+                f"{self.name} is damaged: an array starts before the beginning of the file; export "
+                "it again."
+            )
         start = view.get("byteOffset", 0) + offset
         return np.ndarray(
             (count, width), kind, self.binary, start if count else 0, (stride, kind.itemsize)

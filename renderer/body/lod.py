@@ -22,9 +22,9 @@ from renderer.body.decimation import body_surface, decimate
 
 LOD_PATH = OPEN_BODY_PATH.with_name("coarser.npz")
 """Path of the coarser meshes of the open body, made by `tools.bake`."""
-NUM_DRAWN = 3
+NUM_COARSER = 3
 """Number of coarser meshes that are used; the others would be visible in any picture."""
-FACES_PER_SQUARE_PX = 0.06
+FACES_PER_SQUARED_HEIGHT_PX = 0.06
 """Faces needed per squared pixel of the body's height: with fewer the outline looks angular."""
 CLUSTERED_FACES = (12_000, 6_000, 4_500, 1_200)
 """Most faces of each coarser mesh of a character; with fewer, faces lose their features."""
@@ -40,7 +40,7 @@ def open_body_lod_faces() -> tuple[UInt16[np.ndarray, "_ 3"], ...]:
 
 def select_lod(body: Body, height_px: float) -> Body:
     """Return the coarsest mesh that looks like the whole body at a height in pixels."""
-    needed = FACES_PER_SQUARE_PX * height_px**2
+    needed = FACES_PER_SQUARED_HEIGHT_PX * height_px**2
     if needed > len(body.faces) or body.texture is not None:  # textures have seams
         return body
     fine_enough = [mesh for mesh in _coarser_faces(body) if needed <= len(mesh) < len(body.faces)]
@@ -50,7 +50,7 @@ def select_lod(body: Body, height_px: float) -> Body:
     return body.submesh(vertices, corners.reshape(-1, 3))
 
 
-def clustered_lod_faces(body: Body) -> list[UInt32[np.ndarray, "_ 3"]]:
+def character_lod_faces(body: Body) -> list[UInt32[np.ndarray, "_ 3"]]:
     """Return the faces of coarser meshes of a character, within a second.
 
     Vertices of one joint that are near in space, colour and texture become one of them: rougher
@@ -102,7 +102,7 @@ def _numbered(rows: Int64[np.ndarray, "N D"]) -> Int64[np.ndarray, " N"]:
 def _coarser_faces(body: Body) -> list[Integer[np.ndarray, "_ 3"]]:
     """Return the faces of the coarser meshes that are used, from fine to coarse."""
     if body.regions is not None:
-        return list(open_body_lod_faces()[:NUM_DRAWN])
+        return list(open_body_lod_faces()[:NUM_COARSER])
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
     path = folder / "co-speech-motion" / "meshes" / f"{body.sha256}-{_CACHE_FORMAT}.npz"
     try:
@@ -123,6 +123,6 @@ def _coarser_faces(body: Body) -> list[Integer[np.ndarray, "_ 3"]]:
 def _decimated(body: Body) -> list[Integer[np.ndarray, "_ 3"]]:
     """Make the coarser meshes, which takes some ten seconds."""
     counts = [
-        len(faces) for faces in open_body_lod_faces()[:NUM_DRAWN] if len(faces) < len(body.faces)
+        len(faces) for faces in open_body_lod_faces()[:NUM_COARSER] if len(faces) < len(body.faces)
     ]
     return decimate(body_surface(body), counts)

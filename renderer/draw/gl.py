@@ -395,9 +395,8 @@ def faces_near_openings(
 ) -> Bool[np.ndarray, " F"]:
     """Return a mask of faces that may be visible from inside, being near to where a mesh ends.
 
-    Such ends are sleeves and collars. Farther in, back faces are hidden by front faces and need not
-    be drawn. Vertices at the same position are merged: seams of colours or normals are not
-    openings.
+    Such ends are sleeves and collars. Farther in, front faces hide back faces, which need not be
+    drawn. Vertices at the same position are merged: seams of colours or normals are not openings.
     """
     joined = trimesh.Trimesh(vertices, faces, process=False)
     joined.merge_vertices()
@@ -424,8 +423,7 @@ class TexturedQuad:
     ) -> None:
         """Make the square.
 
-        Corners are at texture coordinates (0,0), (1,0), (1,1), (0,1); row 0 of the pixels is at v =
-        0.
+        Corners are at texture coordinates (0,0), (1,0), (1,1), (0,1); pixel row 0 is at v = 0.
         """
         held = trimesh.Trimesh(
             corners,

@@ -63,8 +63,7 @@ class OffscreenRenderer:
     """Context manager of one OpenGL context and its canvases, for one thread.
 
     Raises on entering:
-        GLError: if the backend gives no usable context, or another renderer of this process is
-            open.
+        GLError: if the backend has no usable context, or another renderer of this process is open.
     """
 
     def __init__(self, backend: Backend) -> None:

@@ -62,7 +62,7 @@ def probe_backend(name: Backend, python: str = sys.executable) -> BackendReport:
     except OSError as error:
         return _broken(name, f"the process for the test picture cannot be started: {error}")
     if child.returncode < 0:
-        return _broken(name, f"the driver ended {ExitReport(child.returncode).exit_text}")
+        return _broken(name, f"the test process ended {ExitReport(child.returncode).exit_text}")
     if child.returncode:
         lines = child.stderr.decode(errors="replace").strip().splitlines()
         return _broken(name, lines[-1] if lines else f"exit status {child.returncode}")
@@ -74,7 +74,7 @@ def _broken(name: Backend, error: str) -> BackendReport:
 
 
 def draw_and_name_driver(backend: Backend) -> str:
-    """Check that this process draws with a backend; raises GLError if it does not."""
+    """Draw a test picture and return the driver's name; raises GLError if it is empty."""
     from renderer.body.body import load_body
     from renderer.scene.camera import fit_camera
     from renderer.scene.camera_setup import CameraSetup, PanelCamera
@@ -91,7 +91,7 @@ def draw_and_name_driver(backend: Backend) -> str:
         picture = canvas.draw(prepare(body.template), camera).astype(int)
         driver = renderer.driver_name
     if np.abs(picture[_PROBE_SIZE_PX // 2, _PROBE_SIZE_PX // 2] - picture[0, 0]).max() < 16:
-        raise GLError(f"the driver {driver} draws an empty picture")
+        raise GLError(f"an empty picture was drawn by {driver}")
     return driver
 
 

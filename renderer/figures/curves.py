@@ -41,8 +41,7 @@ def draw_cumulative_distributions(
         reference: name of the recorded motion, drawn in black.
 
     Raises:
-        FigureError: if there is nothing to draw, a value is not finite, or there are too many
-            systems.
+        FigureError: if there is nothing to draw, a value that is not finite, or too many systems.
     """
     if values.empty:
         raise FigureError("There are no values to draw.")
@@ -93,12 +92,13 @@ REAL_TIME_MS = 1000.0 / FPS
 STEP_SWEEP_CAPTION = (
     "Each mark is one motion for the same speech; the number next to it is the number of sampling "
     "steps. Time is measured on this machine for one motion at a time, without the computation of "
-    "speech features. Stochastic samplers (GAN and few-step consistency) give a different result "
-    "for each number of steps. One clip and one noise seed."
+    "speech features. Stochastic samplers (GAN and few-step consistency) draw new noise at every "
+    "step, so their result changes with the number of steps in any case. One clip and one noise "
+    "seed."
 )
 
 
-def draw_sampling_step_sweep(points: "DataFrame") -> "Figure":
+def draw_speed_quality_tradeoff(points: "DataFrame") -> "Figure":
     """Draw quality against time: one curve per system, one mark per number of steps.
 
     The points have the columns ``system``, ``steps``, ``ms_per_frame`` and those of `STEP_PANELS`;
@@ -198,7 +198,7 @@ class SpeechEffectRow:
     """Sum of the angular speeds of shoulders and elbows (T,), by speech and noise seed; the first
     two of each are drawn."""
     speech_and_noise_shares: Mapping[str, tuple[float, float]]
-    """Shares decided by speech and by noise (0 to 1), by part of the body."""
+    """Effects of speech and of noise by part of the body, each a difference of correlations."""
 
     @property
     def drawn_speeches_and_seeds(self) -> tuple[list[str], list[int]]:
@@ -236,7 +236,7 @@ def draw_speech_effect(rows: Sequence[SpeechEffectRow]) -> "Figure":
         speeds.grid(True, axis="y")
         _draw_shares(shares, row)
     pairs[-1][0].set_xlabel("time (s)")
-    pairs[-1][1].set_xlabel("increase of correlation")
+    pairs[-1][1].set_xlabel("difference in correlation")
     _write_keys(figure, rows[0])
     return figure
 

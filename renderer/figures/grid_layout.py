@@ -96,8 +96,8 @@ def _divide(
     left = length - room.sum()
     if left <= 0.0:
         raise FigureError(
-            f"The figure has {length:.0f} pixels, but its labels need {room.sum():.0f}; make it "
-            "larger."
+            f"One side of the figure has {length:.0f} pixels, but its labels need "
+            f"{room.sum():.0f}; make the figure larger."
         )
     sizes = left * ratios / ratios.sum()
     ends = np.cumsum(room.sum(axis=0) + sizes) - room[1]

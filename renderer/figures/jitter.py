@@ -196,10 +196,10 @@ def _titles(sheet: JitterSheet) -> dict[str, tuple[str, str]]:
     seams = "e  Window seams: mean jerk of all joints by frame in the generation window"
     periods = (
         "e  Periodic jerk: mean by frame in the detected period, "
-        "of the body part that shows it most"
+        "for the body part in which it is clearest"
     )
     attribution = (
-        f"d  Attribution: reduction of {sheet.tracked_point} jerk if only this joint is filtered"
+        f"d  Attribution: reduction of {sheet.tracked_point} jerk if one joint alone is filtered"
     )
     return {
         "depth": (

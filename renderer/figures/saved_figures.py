@@ -31,7 +31,7 @@ DRAW_FUNCTIONS: Mapping[str, "Callable[[Any], Figure]"] = {
     "speech_effect": curves.draw_speech_effect,
     "hearing": curves.draw_speech_effect,  # its former name
     "error_growth": curves.draw_noise_shift_along_chain,
-    "steps": curves.draw_sampling_step_sweep,
+    "steps": curves.draw_speed_quality_tradeoff,
 }
 """Functions that redraw a run's figures from the saved contents, by the figure's name."""
 _KINDS: Mapping[str, Any] = {

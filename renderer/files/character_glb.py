@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from renderer.body.body import Body, BodyMotion
 from renderer.body.body_file import BodyError
 from renderer.body.gltf import Gltf, read_glb_bytes
-from renderer.files.glb import GlbBuilder, glb_bytes, make_animation
+from renderer.files.glb import GlbBinary, glb_bytes, make_animation
 
 
 def character_glb_bytes(
@@ -34,7 +34,7 @@ def character_glb_bytes(
         raise BodyError(
             f"The character file {body.name} can no longer be read; choose it again."
         ) from error
-    buffer = GlbBuilder(gltf.document, gltf.binary)
+    buffer = GlbBinary(gltf.document, gltf.binary)
     channels: list[tuple[int, str, int]] = []
     for node, (rotations, translations) in _local_transforms(gltf, body, motion).items():
         if "matrix" in gltf.nodes[node]:

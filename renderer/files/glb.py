@@ -6,8 +6,8 @@ following as in a video. glTF has no pose correctives, so elbows, knees and shou
 less cleanly than in the videos.
 
 Other builds are little-endian 16-bit integers; for each of `BODY_BUILDS` after the first: offsets
-of all vertices at rest to the first build, in steps of ``STEP_M``, then their unit normals, in
-steps of 1 / 32767. All builds share skeleton, topology, weights and face, so nothing else differs.
+of all vertices at rest to the first build, in steps of ``BUILD_OFFSET_STEP_M``, then their unit
+normals, in steps of 1 / 32767. All builds share skeleton, topology, weights and face.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS
 from conventions.rates import FPS
 from conventions.views import BODY_BUILDS
 from renderer.body.body import Body, BodyMotion
-from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
+from renderer.body.body_file import OPEN_BODY_PATH, read_body_npz
 from renderer.body.skinning import VertexNormals
 from renderer.scene.camera import Z_NEAR_M
 from renderer.scene.camera_setup import CameraSetup, make_camera_setup
@@ -55,7 +55,7 @@ def glb_bytes(
     ``coarser_faces`` are of meshes with fewer faces for slow viewers, which no node shows.
     """
     vertices, joints = body.shaped_vertices_and_joints(motion)
-    buffer = GlbBuilder()
+    buffer = GlbBinary()
     offsets = joints - np.where(np.array(PARENTS)[:, None] >= 0, joints[list(PARENTS)], 0)
     nodes: list[dict] = [
         {"name": name, "translation": offsets[joint].tolist()}
@@ -131,7 +131,7 @@ def join_glb_chunks(document: dict, binary: bytes) -> bytes:
     )
 
 
-class GlbBuilder:
+class GlbBinary:
     """Binary part of a GLB, with its buffer views and accessors."""
 
     def __init__(self, document: dict[str, Any] | None = None, binary: bytes = b"") -> None:
@@ -226,7 +226,7 @@ def _used_expressions(body: Body, motion: BodyMotion) -> list[int]:
 
 
 def _mesh(
-    buffer: GlbBuilder, body: Body, vertices: Float32[np.ndarray, "V 3"], used: list[int]
+    buffer: GlbBinary, body: Body, vertices: Float32[np.ndarray, "V 3"], used: list[int]
 ) -> dict:
     num_vertices = body.num_vertices
     texture = body.texture
@@ -269,7 +269,7 @@ def _mesh(
     return mesh
 
 
-def _coarser_mesh(buffer: GlbBuilder, mesh: dict, faces: UInt[np.ndarray, "F 3"]) -> dict:
+def _coarser_mesh(buffer: GlbBinary, mesh: dict, faces: UInt[np.ndarray, "F 3"]) -> dict:
     """Return a mesh of other faces with the vertices of ``mesh``."""
     indices = buffer.add_accessor(faces.ravel(), target=_ELEMENT_BUFFER)
     attributes = mesh["primitives"][0]["attributes"]
@@ -291,7 +291,7 @@ def _four_strongest(body: Body) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _channels(
-    buffer: GlbBuilder,
+    buffer: GlbBinary,
     body: Body,
     motion: BodyMotion,
     stage: CameraSetup,
@@ -320,7 +320,7 @@ def _channels(
 
 
 def make_animation(
-    buffer: GlbBuilder,
+    buffer: GlbBinary,
     num_frames: int,
     channels: Sequence[tuple[int, str, int]],
     markers: Sequence[tuple[float, str]] = (),
@@ -350,16 +350,16 @@ def make_animation(
     return animation
 
 
-STEP_M = 4e-6
+BUILD_OFFSET_STEP_M = 4e-6
 """Step of the integer offsets (m): offsets of up to 13 cm fit, and those of builds are below 5."""
 
 
-def body_build_bytes() -> bytes:
+def body_build_offsets_bytes() -> bytes:
     """Return vertex offsets and normals of all builds after the first; 180 kB per build."""
-    first = read_body_file(OPEN_BODY_PATH)
+    first = read_body_npz(OPEN_BODY_PATH)
     normals_of = VertexNormals(first.faces, len(first.template))
     parts: list[np.ndarray] = []
     for build in BODY_BUILDS[1:]:
-        template = read_body_file(OPEN_BODY_PATH, build).template
-        parts += [(template - first.template) / STEP_M, normals_of(template) * 32_767]
+        template = read_body_npz(OPEN_BODY_PATH, build).template
+        parts += [(template - first.template) / BUILD_OFFSET_STEP_M, normals_of(template) * 32_767]
     return b"".join(np.rint(part).astype("<i2").tobytes() for part in parts)

@@ -17,7 +17,7 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from renderer.body.body import JAW_OPEN_RAD, Body, BodyMotion
 from renderer.body.character import VRM_BONE_TO_JOINT, rest_to_zero_pose_rotations
 from renderer.body.face_shapes import ARKIT_TO_VRM_PRESETS
-from renderer.files.glb import ASSET, GlbBuilder, make_animation
+from renderer.files.glb import ASSET, GlbBinary, make_animation
 
 _EYES = ("left_eye", "right_eye")
 
@@ -31,7 +31,7 @@ def vrma_bytes(body: Body, motion: BodyMotion, markers: Sequence[tuple[float, st
     world = world @ np.array([turn.as_matrix() for turn in turns])
     bones = {JOINT_INDEX[joint]: bone for bone, joint in VRM_BONE_TO_JOINT.items()}
     joints = [each for each in range(NUM_JOINTS) if JOINT_NAMES[each] not in ("jaw", *_EYES)]
-    buffer, nodes, channels = GlbBuilder(), [], []
+    buffer, nodes, channels = GlbBinary(), [], []
     for node, joint in enumerate(joints):
         parent, place, rotations = PARENTS[joint], pose[joint], world[:, joint]
         if parent >= 0:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 Z_NEAR_M = 0.1
-MARGIN = 0.06
+MARGIN_NDC = 0.06
 """Share of half the picture that is free at each side."""
 YFOV_RAD = 0.55
 """Vertical field of view: about a 45 mm lens, so that hands in front are not enlarged."""
@@ -98,7 +98,7 @@ def fit_camera(
     axes = view_axes(view)
     right, up, backward = (points.astype(np.float64) @ axes.T).T
     radius = np.broadcast_to(radius_m, len(points))
-    tan_y = (1.0 - MARGIN) * np.tan(0.5 * YFOV_RAD)
+    tan_y = (1.0 - MARGIN_NDC) * np.tan(0.5 * YFOV_RAD)
     tan_x = tan_y * aspect
     x, z_for_x = _plane_intersection(right, backward, tan_x, radius)
     y, z_for_y = _plane_intersection(up, backward, tan_y, radius)
@@ -113,7 +113,7 @@ def extreme_positions_per_joint(
 ) -> Float[np.ndarray, "5 J 3"]:
     """Return five positions of each of J points that give the same camera as all T of them."""
     right, up, backward = view_axes(view)
-    tan_y = (1.0 - MARGIN) * np.tan(0.5 * YFOV_RAD)
+    tan_y = (1.0 - MARGIN_NDC) * np.tan(0.5 * YFOV_RAD)
     tan_x = tan_y * aspect
     outwards = [right + tan_x * backward, -right + tan_x * backward]
     outwards += [up + tan_y * backward, -up + tan_y * backward, backward]

@@ -42,7 +42,7 @@ FOLLOWED_CLOSE_UP_JOINTS = {
 
 CLOSE_UP_SIGMA_FRAMES, WALK_SIGMA_FRAMES = 12.0, 30.0
 """Smoothing of following cameras (frames), slow so that jitter of the motion stays visible."""
-STEADY_SIGMA_FRAMES = 2.0
+HAND_CAMERA_SIGMA_FRAMES = 2.0
 """Smoothing of hand close-ups (frames): their camera removes gestures, below 2 Hz, so that a hand
 stays large and centred, and leaves tremor, above 5 Hz, unchanged.
 """
@@ -52,7 +52,7 @@ body that starts to walk or jumps away would make all bodies small."""
 FINGERTIP_M = 0.035
 """Largest distance (m) of a fingertip from its last joint."""
 
-FOLLOW_DISTANCE_M = 1.5
+MAX_STATIC_PELVIS_RANGE_M = 1.5
 """Range of the bodies (m) above which cameras follow them: a static one would have to show the
 whole path, with small bodies."""
 
@@ -179,7 +179,7 @@ class CameraSetup:
     floor_m: float
     centre_xz: tuple[float, float] = (0.0, 0.0)
     """Centre (x, z) of the area below the joints (m)."""
-    extent_m: float = 0.0
+    horizontal_span_m: float = 0.0
     """Longer side of that area (m)."""
 
     @property
@@ -265,7 +265,7 @@ def make_camera_setup(
     for panel in close_ups:
         joints, is_face = FOLLOWED_CLOSE_UP_JOINTS[panel.view], panel.view == "face"
         flesh = reach[joints] if is_face else np.minimum(reach[joints], FINGERTIP_M)
-        sigma = CLOSE_UP_SIGMA_FRAMES if is_face else STEADY_SIGMA_FRAMES
+        sigma = CLOSE_UP_SIGMA_FRAMES if is_face else HAND_CAMERA_SIGMA_FRAMES
         setups.append((panel.view, panel.aspect, joints, flesh, sigma))
     places: list[list[np.ndarray]] = [[] for _ in setups]
     from_afar, pelvises, floors, corners = [], [], [], []
@@ -286,7 +286,7 @@ def make_camera_setup(
         if (
             not panel_cameras
             and view not in FOLLOWED_CLOSE_UP_JOINTS
-            and wandered_m <= FOLLOW_DISTANCE_M
+            and wandered_m <= MAX_STATIC_PELVIS_RANGE_M
         ):
             place, sigma = from_afar, None
         points = np.concatenate(place)
@@ -298,7 +298,7 @@ def make_camera_setup(
         panel_cameras=tuple(panel_cameras),
         floor_m=float(np.median(floors)),
         centre_xz=(float(low[0] + high[0]) / 2.0, float(low[2] + high[2]) / 2.0),
-        extent_m=float(max(high[0] - low[0], high[2] - low[2])),
+        horizontal_span_m=float(max(high[0] - low[0], high[2] - low[2])),
     )
 
 
@@ -340,7 +340,7 @@ def _track(
         middle, lead_m = positions[:, FOLLOWED_CLOSE_UP_JOINTS[view]].mean(axis=1), CLOSE_UP_LEAD_M
     else:
         middle, lead_m = positions[:, 0].copy(), MAX_LEAD_M
-        if np.ptp(middle[:, 1]) > FOLLOW_DISTANCE_M:
+        if np.ptp(middle[:, 1]) > MAX_STATIC_PELVIS_RANGE_M:
             stands_m = _floor(body, positions) + body.rest_joints[0, 1] - body.template[:, 1].min()
             middle[:, 1] -= stands_m
         else:

@@ -60,7 +60,7 @@ class ShadowGround:
 
     def __init__(self, stage: CameraSetup) -> None:
         self.centre_xz, self.floor_m = stage.centre_xz, stage.floor_m
-        self.half_size_m = HALF_SIZE_M + stage.extent_m / 2.0
+        self.half_size_m = HALF_SIZE_M + stage.horizontal_span_m / 2.0
         self.texel_m = 2.0 * self.half_size_m / RESOLUTION
         x, y, z = STUDIO.shadow_from
         self._slope = (x / y, z / y)

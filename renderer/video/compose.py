@@ -43,13 +43,13 @@ class SuperposedPair:
     """Panel of the body in both videos and in the result."""
     second_close_ups: tuple[Panel, ...] = ()
     """Close-ups of the second video, at the same positions as in the result."""
-    wipe_edge_px: int = 0
+    wipe_position_px: int = 0
     """Columns of the body's panel that show the first video, for a wipe."""
     ghost_colors: Sequence[str] = ("#d55e00", "#0072b2")
     """Colours of a ghost, as #rrggbb."""
 
     @property
-    def shorter_side_px(self) -> int:
+    def half_side_px(self) -> int:
         """Shorter side of half the picture, which sets the size of labels."""
         return min(self.width // 2, self.height)
 
@@ -100,7 +100,7 @@ def compose_videos(
                 )
         label_colors = pair.ghost_colors if pair.mode == "ghost" else None
         bands = [
-            draw_label_band(labels, pair.width // 2, pair.shorter_side_px, pair.width, label_colors)
+            draw_label_band(labels, pair.width // 2, pair.half_side_px, pair.width, label_colors)
         ]
         graph = _overlay_filter(_hold_last_frame(lengths), pair)
     with tempfile.TemporaryDirectory() as folder:
@@ -241,7 +241,7 @@ def _overlay_filter(held: Sequence[str], pair: SuperposedPair) -> list[str]:
                 f"[under][upper]blend=all_mode=darken,{_YUV_FILTER}[over]",
             ]
         case "wipe":
-            edge = max(0, min(pair.wipe_edge_px, body.width - 2)) // 2 * 2
+            edge = max(0, min(pair.wipe_position_px, body.width - 2)) // 2 * 2
             right = Panel("", body.left + edge, body.top, body.width - edge, body.height)
             line = f"drawbox=0:0:2:{right.height}:white:fill"
             parts += ["[first]nullsink", f"[second]{_crop(right)},{line}[over]"]
@@ -254,7 +254,7 @@ def _overlay_filter(held: Sequence[str], pair: SuperposedPair) -> list[str]:
     for side, panel in zip(sides, pair.second_close_ups, strict=True):
         parts += [f"{laid}{side[:-1]}under]", f"{side}{_crop(panel)}{side[:-1]}over]"]
         laid = f"{side[:-1]}under]{side[:-1]}over]overlay={panel.left}:{panel.top}"
-    band = label_band_height(pair.shorter_side_px)
+    band = label_band_height(pair.half_side_px)
     return [*parts, _with_label_band(f"{laid},", len(held), "[out]", pair.width, band)]
 
 

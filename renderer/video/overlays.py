@@ -46,7 +46,7 @@ class Trail:
     normalized_speeds: Float[np.ndarray, " T"]
     """Speed as a share of the end of the scale, 0 to 1."""
     is_spike: Bool[np.ndarray, " T"]
-    """Mask (T,) of frames with a dot."""
+    """Mask (T,) of frames whose jerk is above the limit; each has a dot."""
     legend: str = ""
     """Legend of colours and dots, in one line."""
     close_up_view: str = ""

@@ -77,8 +77,7 @@ def run_render_jobs(
 
     Raises:
         Cancelled: if ``should_cancel`` returns true; the children are ended and leave no file.
-        BodyError, GLError, ValueError, VideoError: error of the first failed job; the others are
-            ended.
+        BodyError, GLError, ValueError, VideoError: error of the first failed job; others are ended.
     """
     shares = dict.fromkeys(jobs, 0.0)
     weights = {name: job.motion.num_frames for name, job in jobs.items()}

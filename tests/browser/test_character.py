@@ -51,7 +51,7 @@ def test_character_moves_on_all_stages_is_saved_with_the_motion_and_kept(
     choice.get_by_label(CHOICE).set_input_files(hero)
     expect(choice.locator("output")).to_have_text("hero.glb")
     expect(stage).to_have_attribute("data-character", "own")
-    for label in ("Body shape", "Tone of the bodies"):  # they would do nothing
+    for label in ("Body shape", "Skin tone of the bodies"):  # they would do nothing
         expect(page.locator("#player").get_by_label(label)).to_be_hidden()
     assert stage_digest(page) != open_body
     page.locator("#player .files summary").first.click()

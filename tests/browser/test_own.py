@@ -16,10 +16,10 @@ from playwright.sync_api import BrowserContext, Page, expect
 
 from app import text
 from app.page.tabs.own_motion import CLIP_LABEL, TAB
-from app.run.bodies import align_to_origin
+from app.run.bodies import align_average_to_origin
 from app.run.examples import CLEAN, add_foot_sliding
 from conventions.joints import HANDS
-from model.formats.convention_detection import RELAXED_HANDS
+from model.formats.convention_detection import MEAN_HANDS_SUBSTITUTE
 from model.motion.motion import load_motion, save_motion
 from model.plan.annotation_files import Interval, NamedTier, format_textgrid
 from model.speech.audio import write_wav
@@ -81,7 +81,7 @@ def canvas_of(page: Page) -> np.ndarray:
 
 def ask_for_video(page: Page) -> None:
     bar_of(page, "#own-player").locator(".more").click()
-    press(page.locator("#own-player .more-box"), "Make a video of this")
+    press(page.locator("#own-player .more-box"), "Make a video of this view")
 
 
 def made(page: Page, folder: Path) -> np.ndarray:
@@ -239,7 +239,7 @@ def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file(
     assert kept.name.endswith(".zip")
     other.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
     other.evaluate(DROPPED, base64.b64encode(kept.read_bytes()).decode("ascii"))
-    expect(other.locator("#own-status")).to_contain_text("Opened the run from its file")
+    expect(other.locator("#own-status")).to_contain_text("Opened the saved run")
     other.wait_for_function(OWN_STAGED, arg=1)
     expect(other.locator("#own-runs .link a")).to_be_visible()
     other.close()
@@ -316,7 +316,7 @@ def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
     """Z up, in centimetres, with hands told from the mean hand, as no file of this layout has."""
     truth = Person(3).motion(20)
     poses, trans = turned(truth, FROM_Y["z"])
-    poses[:, list(HANDS)] -= RELAXED_HANDS
+    poses[:, list(HANDS)] -= MEAN_HANDS_SUBSTITUTE
     theirs = tmp_path / "theirs.npz"
     arrays = {"poses": poses.reshape(len(poses), -1), "trans": 100 * trans, "betas": truth.betas}
     np.savez(theirs, **arrays, expressions=truth.expressions, mocap_frame_rate=30)
@@ -329,7 +329,7 @@ def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
     told = page.locator("#own-player .stage .reading li")
     page.wait_for_function(OPENED)
     chips.focus()
-    for words in ("z up: spine, head", "cm: in metres", "flat hand: fingers bend by"):
+    for words in ("z up: the body (spine, head", "cm: in metres", "flat hand: fingers bend by"):
         expect(told.filter(has_text=words)).to_be_visible()
     turn_to(page, (390, 844, "dark"))
     expect(chips).to_be_focused()  # though all names are laid out anew
@@ -349,7 +349,7 @@ def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
         shown.append(saved(page, files.locator(f"a[download$='{ending}']").first, tmp_path))
     npz, bvh = shown
     wanted = joints_of(load_motion(npz))
-    np.testing.assert_allclose(wanted, joints_of(align_to_origin(truth)), atol=1e-3)
+    np.testing.assert_allclose(wanted, joints_of(align_average_to_origin(truth)), atol=1e-3)
 
     # What was said of that file is not said of this one.
     give_motions(page, bvh.rename(tmp_path / "again.bvh"))

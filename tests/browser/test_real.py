@@ -297,7 +297,9 @@ KEPT = "() => document.querySelector('#live-player .stage')?.dataset.bodies === 
 def test_one_speaks_and_the_body_moves_and_the_minute_is_kept(
     page: Page, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.sessions.RATE_WINDOW_S", 1e9)  # a busy browser sends less
+    monkeypatch.setattr(
+        "app.live.sessions.SOUND_ARRIVAL_WINDOW_S", 1e9
+    )  # a busy browser sends less
     page.set_viewport_size({"width": 720, "height": 700})
     page.get_by_role("tab", name=live_tab.TAB).click()
     live, status = page.locator(".live"), page.locator(".live .asked").get_by_role("status")

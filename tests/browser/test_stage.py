@@ -150,7 +150,7 @@ def test_displays_are_switched_at_once_and_nothing_is_asked_of_the_server(page: 
         more.get_by_label(name).uncheck()
     more.get_by_label("Body shape").select_option("broad")
     look()
-    more.get_by_label("Tone of the bodies").select_option("dark")
+    more.get_by_label("Skin tone of the bodies").select_option("dark")
     press(bar, "Jerk")
     look()
     press(bar, "Ghost")
@@ -577,7 +577,7 @@ def test_pictures_look_as_those_of_videos(page: Page) -> None:
     settings = RenderSettings(SIZE_PX, SIZE_PX, backend=choose_backend())
     wanted = render_stills(body, moved, [0], settings, stage=scene)[0].astype(int)
     assert wanted.std() > 30
-    half = 2.0 + scene.extent_m / 2
+    half = 2.0 + scene.horizontal_span_m / 2
     ground = {"centre": scene.centre_xz, "floor": scene.floor_m, "halfSize": half}
     for is_slow in (False, True):
         arguments = [told(motion), list(scene.camera.eye), SIZE_PX, is_slow, ground]

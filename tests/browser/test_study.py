@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 
 from app.notebook import show
-from app.run.batch.leaderboard import LeaderboardEntry, MetricValue, leaderboard_html
+from app.run.batch.leaderboard import LeaderboardEntry, MetricValue, leaderboard_page_html
 from app.study.design.key import StudyKey, read_key
 from app.study.design.plan import load_wording
 from app.study.leaks import find_leaks
@@ -564,7 +564,7 @@ def test_a_leaderboard_sorts_by_the_distance_to_recorded(
 
     path = tmp_path / "board.html"
     numbers = {"a": 30.0, "b": 11.0, "c": 1.0, "reference": 10.0}
-    path.write_text(leaderboard_html([entry(name, jerk) for name, jerk in numbers.items()]))
+    path.write_text(leaderboard_page_html([entry(name, jerk) for name, jerk in numbers.items()]))
     page = watched(visitor().new_page())
     page.goto(path.as_uri())
     names = page.locator("tbody th")

@@ -336,7 +336,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     run = page.evaluate("document.querySelector('#mechanism-player audio').src")
     page.locator("#mechanism-start").click()
     expect(page.locator("#mechanism-status")).to_contain_text("0.05 rad")
-    expect(page.locator("#mechanism-says")).to_contain_text("Equal noise is an assumption")
+    expect(page.locator("#mechanism-says")).to_contain_text("This assumes equal noise")
     page.wait_for_function(
         f"run => ({ARGUE})() && {ARGUED}.querySelector('audio').src !== run", arg=run
     )

@@ -28,7 +28,7 @@ from model.plan.tiers import plan_to_tiers
 from model.speech.audio import load_speech
 from model.speech.transcript import read_textgrid_transcript, read_words_file
 from renderer.body.body import load_body
-from renderer.body.lod import clustered_lod_faces
+from renderer.body.lod import character_lod_faces
 from renderer.files.character_glb import character_glb_bytes
 from renderer.files.exports import write_bvh
 from renderer.files.glb import glb_bytes, join_glb_chunks
@@ -170,7 +170,7 @@ def test_characters(kind: str, tmp_path: Path) -> None:
         motion = camera_framing_poses(body)
         (vertices,) = body.posed_vertices(motion)
         assert np.isfinite(vertices).all()
-        glb_bytes(body, motion, clustered_lod_faces(body))
+        glb_bytes(body, motion, character_lod_faces(body))
         character_glb_bytes(body, motion)
         vrma_bytes(body, motion)
 

@@ -22,7 +22,7 @@ from model.evaluation.classifiers import (
     calm_and_lively_wrist_speeds,
 )
 from model.evaluation.clips import ClipRow, EvaluationModels, clip_metrics_table
-from model.evaluation.frechet import ENCODERS
+from model.evaluation.frechet import ENCODER_NAMES
 from model.evaluation.tables import (
     as_csv,
     as_markdown,
@@ -83,7 +83,7 @@ def judges() -> dict[str, FrozenMotionEncoder]:
     """Untrained."""
     torch.manual_seed(0)
     found = {}
-    for measure, name in ENCODERS.items():
+    for measure, name in ENCODER_NAMES.items():
         small = replace(AUTOENCODERS[name], width=16, latent_dim=8)
         network = MotionAutoencoder(small).eval().requires_grad_(False)
         channels = AUTOENCODERS[name].channels
@@ -177,8 +177,8 @@ def test_what_cannot_be_evaluated_is_told(data, weights, system, tmp_path, capsy
 def test_each_distance_has_an_interval_and_the_floor_of_its_own_encoder(judged):
     others = [NO_MATCHING_CLASSIFIER, SPEAKERS_NOT_COMPARED, NO_SPEAKER_CLASSIFIER]
     assert judged["left_out"] == others  # no distance
-    assert len({judged[f"{measure}_floor"]["mean"] for measure in ENCODERS}) == 3
-    for measure in ENCODERS:
+    assert len({judged[f"{measure}_floor"]["mean"] for measure in ENCODER_NAMES}) == 3
+    for measure in ENCODER_NAMES:
         found = judged["motion"][NAME][measure]
         assert 0 < found["low"] <= found["high"] and found["mean"] > 0
         assert judged[f"{measure}_floor"]["mean"] > 0

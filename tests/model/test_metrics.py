@@ -506,7 +506,7 @@ def test_files_of_the_format_before_have_the_present_keys():
     }
     fresh = Finding("It jumps.", {}, kind="jerk", worst_frame=3).as_json()
     assert set(fresh) <= set(content["findings"]["noisy"][0])
-    with pytest.raises(ValueError, match="format 9; this version reads up to 2"):
+    with pytest.raises(ValueError, match="format 9; this version of the program reads up to 2"):
         with_current_format({"format": 9})
 
 

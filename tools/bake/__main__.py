@@ -27,9 +27,9 @@ from tools.bake.makehuman import MakeHuman
 from tools.bake.skinning import pose_correctives
 from tools.command import run_cli
 
-SKIN_UNDER_CLOTH_M = 0.025
+HEM_SKIN_OVERLAP_M = 0.025
 """Width of the skin that continues under a hem (m)."""
-SKIN_BELOW_CLOTH_M = 0.003
+SKIN_INSET_M = 0.003
 """Depth by which the skin is moved inward under cloth (m)."""
 MAX_INFLUENCES = 8
 SEED = 0
@@ -108,8 +108,8 @@ def _assemble(
     base = base.copy()
     base[:, :3] = face.with_closed_lips(base[:, :3], ring, quads)
     body = _tucked_in(Mesh(quads, base, np.zeros(len(base), np.int64)), wearer)
-    head_vertices = wearer.above_neckline(base[:, :3]) > -SKIN_UNDER_CLOTH_M
-    hand_vertices = np.abs(base[:, 0]) > wearer.sleeve_end_m - SKIN_UNDER_CLOTH_M
+    head_vertices = wearer.above_neckline(base[:, :3]) > -HEM_SKIN_OVERLAP_M
+    hand_vertices = np.abs(base[:, 0]) > wearer.sleeve_end_m - HEM_SKIN_OVERLAP_M
     head_faces = np.asarray(head_vertices[quads].all(axis=1))
     head = face.make_head(body.faces_only(head_faces), quads[head_faces], face.FacePaint(joints))
     hand_faces = np.asarray(hand_vertices[quads].all(axis=1))
@@ -137,7 +137,7 @@ def _tucked_in(body: Mesh, wearer: clothes.GarmentCuts) -> Mesh:
     )
     depth = np.clip(below_hem / 0.01, 0, 1)
     return body.with_positions(
-        body.positions - SKIN_BELOW_CLOTH_M * depth[:, None] * geometry.normals(body)
+        body.positions - SKIN_INSET_M * depth[:, None] * geometry.normals(body)
     )
 
 

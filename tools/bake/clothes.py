@@ -26,7 +26,7 @@ TROUSER_END_ABOVE_ANKLE_M = 0.032
 SHOE_TOP_ABOVE_ANKLE_M = 0.07
 SOLE_HEIGHT_M = 0.020
 SLEEVE_BEFORE_WRIST_M = 0.010
-CUFF_M = 0.06
+SHIRT_END_TAPER_M = 0.06
 """Length (m) over which the shirt narrows to the skin, at wrists and neck."""
 HEM_DEPTH_M = 0.005
 CUFF_DEPTH_M = 0.014
@@ -60,7 +60,7 @@ def make_garments(helper: Mesh, wearer: GarmentCuts) -> Mesh:
     loose = helper.positions[:, 1] > wearer.ankle_m + 0.02
     smoothed = geometry.smooth(helper, SMOOTHING_ROUNDS, loose)
     seat = np.abs(smoothed.positions[:, 1] - wearer.waist_m) < SEAT_HALF_HEIGHT_M
-    cloth = geometry.subdivide(geometry.smooth(smoothed, SEAT_SMOOTHING_ROUNDS, seat))
+    cloth = geometry.subdivide_catmull_clark(geometry.smooth(smoothed, SEAT_SMOOTHING_ROUNDS, seat))
     cloth = geometry.smooth_weights(cloth, WEIGHT_SMOOTHING_ROUNDS)
     return geometry.merge_meshes(
         [_shirt(cloth, wearer), _trousers(cloth, wearer), _shoes(cloth, wearer)]
@@ -71,7 +71,7 @@ def _shirt(cloth: Mesh, wearer: GarmentCuts) -> Mesh:
     drop = np.clip((wearer.waist_m + 0.25 - cloth.positions[:, 1]) / 0.25, 0, 1)
     to_sleeve_end = wearer.sleeve_end_m - np.abs(cloth.positions[:, 0])
     to_end = np.minimum(to_sleeve_end, -wearer.above_neckline(cloth.positions))
-    shirt = _thicken(cloth, (0.005 + 0.007 * drop) * np.clip(to_end / CUFF_M, 0, 1))
+    shirt = _thicken(cloth, (0.005 + 0.007 * drop) * np.clip(to_end / SHIRT_END_TAPER_M, 0, 1))
     end = wearer.waist_m - WAIST_OVERLAP_M
     shirt = _keep(shirt, lambda points: points[:, 1] - end)
     shirt = _keep(shirt, lambda points: -wearer.above_neckline(points))

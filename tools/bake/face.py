@@ -162,7 +162,7 @@ HAIR_EDGE_M = 0.0025
 HAIR_RAMP_M = 0.03
 HAIR_HEM_M = 0.006
 SCALP_MARGIN_M = 0.035
-"""Margin (m) around the scalp from which the hair is cut."""
+"""Width (m) of the skin below the hairline that is copied with the scalp."""
 SKIN_UNDER_HAIR_M = 0.015
 
 # Brow: height above the eyes and half thickness for each distance from the middle; metres.
@@ -194,7 +194,7 @@ class FacePaint:
         behind = np.clip(self.eyes[2] - points[:, 2], HAIRLINE[0][0], HAIRLINE[-1][0])
         return points[:, 1] - self.eyes[1] - self._hairline(behind)
 
-    def in_front(self, points: Points) -> Bool[np.ndarray, " N"]:
+    def near_brows(self, points: Points) -> Bool[np.ndarray, " N"]:
         """Return a mask of points around the brows."""
         x, y, z = (points - self.eyes).T
         return (np.abs(x) < 0.06) & (y > 0.005) & (y < 0.045) & (z > -0.02)
@@ -225,12 +225,12 @@ def make_head(skin: Mesh, quads: Int[np.ndarray, "Q 4"], paint: FacePaint) -> Me
     head = geometry.paint(skin.triangles(), np.tile(regions, 2))
 
     for field in paint.brow_fields():
-        head = geometry.cut_along_field(head, field, within=paint.in_front)
+        head = geometry.cut_along_field(head, field, within=paint.near_brows)
     regions = head.regions[head.faces[:, 0]].copy()
     middle = geometry.centres(head)
     brows = np.all([field(middle) > 0 for field in paint.brow_fields()], axis=0)
     is_skin = regions == REGION_INDEX["skin"]
-    regions[is_skin & brows & paint.in_front(middle)] = REGION_INDEX["brows"]
+    regions[is_skin & brows & paint.near_brows(middle)] = REGION_INDEX["brows"]
     bare = paint.above_hairline(middle) < SKIN_UNDER_HAIR_M
     painted = geometry.paint(head.faces_only(bare), regions[bare])
     return geometry.merge_meshes([painted, _hair(skin, paint)])
@@ -239,7 +239,9 @@ def make_head(skin: Mesh, quads: Int[np.ndarray, "Q 4"], paint: FacePaint) -> Me
 def _hair(skin: Mesh, paint: FacePaint) -> Mesh:
     """Make hair as a cap on the scalp, finer than the skin so that its outline is round."""
     on_scalp = paint.above_hairline(skin.positions) > -SCALP_MARGIN_M
-    scalp = geometry.subdivide(skin.faces_only(np.asarray(on_scalp[skin.faces].all(axis=1))))
+    scalp = geometry.subdivide_catmull_clark(
+        skin.faces_only(np.asarray(on_scalp[skin.faces].all(axis=1)))
+    )
     hair = geometry.cut_along_field(scalp, paint.above_hairline)
     hair = hair.faces_only(paint.above_hairline(geometry.centres(hair)) > 0)
     hairline = np.unique(geometry.border_edges(hair.faces))

@@ -106,7 +106,7 @@ def normals(mesh: Mesh) -> Float[np.ndarray, "V 3"]:
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
 
 
-def subdivide(mesh: Mesh) -> Mesh:
+def subdivide_catmull_clark(mesh: Mesh) -> Mesh:
     """Apply one step of Catmull-Clark subdivision to a quad mesh; borders become smooth curves."""
     num_vertices, quads = mesh.num_vertices, mesh.faces
     num_faces = len(quads)

@@ -26,7 +26,7 @@ from model.storage.files import write_atomically
 from model.systems.registry import default_planning_system, load_system
 
 DURATION_S, LANDS_S = 3.0, 1.3
-STEP, FIRST_S, NUM_FRAMES = 4, 0.4, 14
+STEP, WARM_UP_DELAY_S, NUM_FRAMES = 4, 0.4, 14
 """Frames between two stored ones, start, and number of stored ones."""
 CHAINS = (
     ("head", "neck", "pelvis"),
@@ -60,7 +60,7 @@ def picture(system: System, kind: str) -> UInt8[np.ndarray, "F P 2"]:
     (motion,) = generate_motion(system, silence, options)
     motion = replace(motion, trans=motion.trans - motion.trans[:1] * [1.0, 0.0, 1.0])
     tracks = track_points(motion, open_body_skeleton())
-    first = round(FIRST_S * FPS)
+    first = round(WARM_UP_DELAY_S * FPS)
     frames = slice(first, first + STEP * NUM_FRAMES, STEP)
     places = np.stack([tracks.point(name)[frames, :2] for name in POINTS], axis=1)
     shares = (places - [LEFT_M, TOP_M]) * [1.0, -1.0] / SIZE_M
@@ -73,7 +73,7 @@ def main(out: Path) -> None:
     content = {
         "frames": NUM_FRAMES,
         "fps": FPS / STEP,
-        "still": round((LANDS_S - FIRST_S) * FPS / STEP),
+        "still": round((LANDS_S - WARM_UP_DELAY_S) * FPS / STEP),
         "chains": [[POINTS.index(name) for name in chain] for chain in CHAINS],
         "points": {
             kind: base64.b64encode(picture(system, kind).tobytes()).decode()

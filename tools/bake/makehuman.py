@@ -27,7 +27,7 @@ class BodyShape:
     gender: float
     """0 female, 1 male."""
     age: float
-    """0 young adult, 1 old."""
+    """0 young (.5 in MakeHuman), 1 old."""
     muscle: float
     weight: float
     height: float

@@ -85,7 +85,7 @@ MIXED_SHARE = 0.005
 SMALLEST_OFFSET_M = 1e-4
 LINEAR_SHOULDER_SHARE = 0.7
 """Share of linear blending at the shoulder, which bulges with dual quaternions alone."""
-CAP_SHRINKING = 0.38
+HANGING_CAP_SHRINK_SHARE = 0.38
 """Share by which the cap of the shoulder is moved towards its joint when the arm hangs."""
 CAP_RADIUS_M = 0.16
 _LARGEST_ANGLE = {"elbow": 2.2, "knee": 2.0, "shoulder": 1.5, "hip": 1.4, "wrist": 1.3}
@@ -133,7 +133,7 @@ def _fit_joint(
         if JOINT_NAMES[joint].endswith("shoulder"):
             dual += LINEAR_SHOULDER_SHARE * (linear - dual)
             hanging = max(0.0, -np.sign(joints[joint, 0]) * rotation[1, 0])
-            dual -= CAP_SHRINKING * hanging * cap[mixed, None] * (dual - joints[joint])
+            dual -= HANGING_CAP_SHRINK_SHARE * hanging * cap[mixed, None] * (dual - joints[joint])
         # The corrective is added before skinning, so it is turned back by the blended matrix.
         blended = np.tensordot(weights[mixed], R_world_joint, 1) + 0.01 * np.eye(3)
         targets[sample] = np.linalg.solve(blended, (dual - linear)[..., None]).ravel()

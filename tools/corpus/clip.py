@@ -176,7 +176,7 @@ def textgrid(clip: CorpusClip) -> str:
     def points(name: str, rows: list[Point]) -> NamedTier:
         return moments(name, sorted(row for row in rows if 0 <= row[0] < duration_s))
 
-    moves = {side: hand_moves(clip.plan.keys[side], duration_s) for side in SIDES}
+    moves = {side: gesture_intervals_and_goals(clip.plan.keys[side], duration_s) for side in SIDES}
     tiers = [
         intervals("words", [(w.start_s, w.end_s, w.text) for w in utterance.words]),
         intervals("phones", [(p.start_s, p.end_s, p.name) for p in utterance.phones]),
@@ -207,7 +207,9 @@ def textgrid(clip: CorpusClip) -> str:
     return format_textgrid(tiers, round(duration_s, 4))
 
 
-def hand_moves(keys: list[HandKey], duration_s: float) -> tuple[list[Span], list[Point]]:
+def gesture_intervals_and_goals(
+    keys: list[HandKey], duration_s: float
+) -> tuple[list[Span], list[Point]]:
     """Return the gesture intervals of a hand, and its goal position at the end of each move.
 
     An interval is labelled ``stroke offer``: Kendon's phase, then the gesture's name if there is

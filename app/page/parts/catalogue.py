@@ -58,10 +58,7 @@ def labels_by_group(systems: Sequence[str]) -> dict[str, list[str]]:
     """Return the labels of the systems by title of their group."""
     ablations = [family.ablation for family in families() if family.ablation is not None]
     steps = {step.system for ablation in ablations for step in ablation.steps}
-    own = {
-        *planning_systems(),
-        *(each.system for ablation in ablations for each in ablation.extra),
-    }
+    own = {*planning_systems(), *(each.system for ablation in ablations for each in ablation.extra)}
     groups: dict[str, list[str]] = {}
     for name, label in short_names(systems).items():
         title = text.OWN_GROUP if name in own else text.OTHERS_GROUP

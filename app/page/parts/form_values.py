@@ -14,8 +14,8 @@ import gradio as gr
 from pydantic import ConfigDict, ValidationError, create_model
 
 from app.errors import RunError
-from app.run.requests.convert import accepted_field_names, parse_field, request_field
-from model.storage.json_validation import validation_message
+from app.run.requests.convert import accepted_field_names, parse_form_value, request_field
+from model.storage.json_validation import first_error_clause
 
 LONGEST_TEXT = 5000
 _KINDS = {
@@ -43,7 +43,7 @@ def parse_form_values(request: type[Any], form: Fields, values: Sequence[Any]) -
     try:
         create_model("Form", __config__=config, **kinds)(**sent)
     except ValidationError as error:
-        raise RunError(f"The field {validation_message(error)}.") from error
+        raise RunError(f"The field {first_error_clause(error)}.") from error
     return {name: _read(part, sent[name], request, name) for name, part in form.items()}
 
 
@@ -72,7 +72,7 @@ def _read(part: Any, value: Any, request: type, name: str) -> Any:
         request_field(request, name).type, float
     ):
         value = _whole(part, value)
-    return parse_field(request, name, tuple(value) if isinstance(value, list) else value)
+    return parse_form_value(request, name, tuple(value) if isinstance(value, list) else value)
 
 
 def _has(hint: Any, kind: type) -> bool:

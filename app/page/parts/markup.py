@@ -32,7 +32,7 @@ _WORDS = re.compile(
 )
 
 
-MAX_NOTES = 3
+MAX_SHOWN_NOTES = 3
 """Maximum number of notes of a run that the page shows; its file has all."""
 
 
@@ -146,17 +146,17 @@ def upload_error(sentence: str) -> str:
     return f'<p class="refusal" role="alert">{escape(sentence)}</p>' if sentence else ""
 
 
-def verdict(numbers: str, judgement: str, bars: str = "") -> str:
-    """Format the verdict of a run; empty if there are no numbers.
+def verdict(jerk_sentence: str, comparison: str, bars: str = "") -> str:
+    """Format the verdict of a run; empty without a sentence on the jerk.
 
-    ``bars``, as HTML, replace the sentence of the numbers, beside the first sentence of the
-    judgement; the table of metrics has the others.
+    ``bars``, as HTML, replace that sentence, next to the first sentence of the comparison; the
+    table of metrics has the others.
     """
-    if not numbers:
+    if not jerk_sentence:
         return ""
-    claim, others = split_first_sentence(judgement)
+    claim, others = split_first_sentence(comparison)
     if not bars or not claim:
-        claim, others = numbers, judgement
+        claim, others = jerk_sentence, comparison
     others_html = f"<p>{add_tooltips(others)}</p>" if others and not bars else ""
     return f'<div class="verdict"><div><b>{add_tooltips(claim)}</b>{others_html}</div>{bars}</div>'
 
@@ -190,10 +190,10 @@ def collapsed_notes(notes: Sequence[str]) -> str:
     """Format the first notes of a successful run, folded; empty without any."""
     if not notes:
         return ""
-    items = "".join(f"<p>{escape(note)}</p>" for note in notes[:MAX_NOTES])
-    if len(notes) > MAX_NOTES:
+    items = "".join(f"<p>{escape(note)}</p>" for note in notes[:MAX_SHOWN_NOTES])
+    if len(notes) > MAX_SHOWN_NOTES:
         items += f"<p>{text.MORE_NOTES.format(count=len(notes))}</p>"
-    count = min(len(notes), MAX_NOTES)
+    count = min(len(notes), MAX_SHOWN_NOTES)
     return (
         '<div class="message note folded" role="note"><details>'
         f"<summary>{escape(text.NOTES_TITLE)} ({count})</summary>{items}</details></div>"
@@ -249,7 +249,7 @@ def scroll_to_on_click(button: gr.Button, element: gr.HTML) -> None:
     )
 
 
-def hidden_html(
+def html_hidden_if_empty(
     elem_id: str | None = None, module: str = "", function: str = "", part: str = ""
 ) -> gr.HTML:
     """Make an HTML component that is hidden while empty, optionally mounted by a module.

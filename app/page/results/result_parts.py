@@ -11,7 +11,7 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.markup import add_tooltips, hidden_html, player_component
+from app.page.parts.markup import add_tooltips, html_hidden_if_empty, player_component
 from app.page.routes.media import FileToUrl
 from app.run.requests.parts import FIGURE_PANELS, FigureWidth
 from renderer.figures.style import CONTENTS_SUFFIX, FIGURE_FORMATS
@@ -21,16 +21,16 @@ class ResultParts:
     """Result components of one tab; empty ones are hidden."""
 
     def __init__(self, prefix: str = "", ready: str = text.READY) -> None:
-        self.message = hidden_html(prefix + "message")
+        self.message = html_hidden_if_empty(prefix + "message")
         self.status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
         self.clips = gr.HTML("", visible=False, apply_default_css=False, elem_id=prefix + "clips")
         """Table over several clips."""
         self.clip = gr.Radio([], label="Shown below", visible=False, elem_id=prefix + "clip")
         """Selection of the clip shown below, by the token of its run."""
-        self.verdict = hidden_html(prefix + "verdict")
+        self.verdict = html_hidden_if_empty(prefix + "verdict")
         self.player = player_component(prefix)
         with gr.Row(elem_classes="seen-video"):
-            self.viewer_video = hidden_html(prefix + "seen")
+            self.viewer_video = html_hidden_if_empty(prefix + "seen")
             """Progress of recording the viewer as a video, then the link to the video."""
             how: dict[str, Any] = {"visible": False, "size": "sm", "scale": 0, "min_width": 90}
             self.viewer_video_cancel = gr.Button(text.CANCEL, elem_id=prefix + "seen-cancel", **how)
@@ -38,10 +38,12 @@ class ResultParts:
         """Hidden button clicked by the viewer."""
         self.take_start = gr.Button(elem_classes="take-start told-elsewhere")
         """Hidden button clicked by the plan editor."""
-        self.figures = hidden_html(prefix + "figures", part="figures")
-        self.numbers = hidden_html(prefix + "numbers", "measures.js", "mountMeasures", "numbers")
-        self.downloads = hidden_html(prefix + "downloads", part="files")
-        self.runs = hidden_html(prefix + "runs", "runs.js", "mountRuns")
+        self.figures = html_hidden_if_empty(prefix + "figures", part="figures")
+        self.numbers = html_hidden_if_empty(
+            prefix + "numbers", "measures.js", "mountMeasures", "numbers"
+        )
+        self.downloads = html_hidden_if_empty(prefix + "downloads", part="files")
+        self.runs = html_hidden_if_empty(prefix + "runs", "runs.js", "mountRuns")
         """Link to the opened run, and list of the visitor's own."""
 
     @property

@@ -33,7 +33,7 @@ def comparison_updates(
 ) -> Updates:
     """Return the updates of a tab that opens a comparison in the browser with this cookie."""
     runs = a.view, b.view
-    pair = RunPair(*(run.for_browser(media.share(run.folder, cookie)) for run in runs))
+    pair = RunPair(*(run.read_only_copy(media.share(run.folder, cookie)) for run in runs))
     links = "".join(
         f'<li><b>{letter}</b><a href="{escape(url_of_runs(run))}">{escape(run.record.title)}</a>'
         for letter, run in zip("AB", (a, b), strict=True)
@@ -177,7 +177,7 @@ class RunPair:
         words = [line["words"] for line in (lines[sound_index], *lines)[: 3 if is_shared else 1]]
         return lines[sound_index] | {
             "curves": {name: curve for name, curve in curves.items() if name in names},
-            "worst": worst_seconds([each for each in worst if each["name"] in names]),
+            "worst": merge_worst_seconds([each for each in worst if each["name"] in names]),
             "point": " and ".join(dict.fromkeys(line["point"] for line in lines)),
             "words": next(filter(None, words), []),
         }
@@ -223,8 +223,8 @@ def _as_address(timeline: Mapping[str, Any]) -> str:
     return f"data:application/json;base64,{data}"
 
 
-def worst_seconds(seconds: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the worst seconds without overlap."""
+def merge_worst_seconds(seconds: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Merge lists of worst seconds into one without overlap, of at most `NUM_WORST_SECONDS`."""
     chosen: list[dict[str, Any]] = []
 
     def badness_rank(second: Mapping[str, Any]) -> float:

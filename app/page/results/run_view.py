@@ -18,7 +18,7 @@ from conventions.colors import colors_of
 from conventions.names import REFERENCE_NAME, safe_file_stem
 
 if TYPE_CHECKING:
-    from app.run.plan_edits.edits import EditSuggestion
+    from app.run.plan_edits.edits import AlternativeEdits
 
 EMPTY_PLAYER_VALUE: dict[str, Any] = {}
 _VIEWER_KINDS: tuple[RowFileKind, ...] = ("motion", "frames", "plan", "video")
@@ -56,7 +56,7 @@ class RunView:
         row = self.record.row(name)
         return None if row is None else run_folder.existing_file(self.folder, row.files.get(kind))
 
-    def planned_rows(self) -> list[str]:
+    def original_rows_with_input_plan(self) -> list[str]:
         """Return the names of the run's original rows from systems that follow a gesture plan."""
         return [
             row.name for row in self.record.rows if "input_plan" in row.files and row.edit is None
@@ -68,7 +68,7 @@ class RunView:
         *,
         is_refused: bool = False,
         is_working: bool = False,
-        offers: Sequence[EditSuggestion] = (),
+        offers: Sequence[AlternativeEdits] = (),
     ) -> None:
         """Set the message and offers of the plan editor, and whether it generates a take."""
         suggestions = [
@@ -81,7 +81,7 @@ class RunView:
             "suggestions": suggestions,
         }
 
-    def for_browser(self, to_url: FileToUrl) -> RunView:
+    def read_only_copy(self, to_url: FileToUrl) -> RunView:
         """Return a copy for another browser, which cannot edit the run."""
         other = copy(self)
         other.to_url, other.editor_state = to_url, None
@@ -123,7 +123,7 @@ class RunView:
                     "from": take.parent_row if row.edit else "",
                     "editor": self.to_url(editor),
                 }
-        return {"rows": self.planned_rows(), "editable": editable, **state}
+        return {"rows": self.original_rows_with_input_plan(), "editable": editable, **state}
 
     def _row(self, row: Row) -> dict[str, Any]:
         files = {kind: name for kind, name in row.files.items() if kind in _VIEWER_KINDS}
@@ -181,7 +181,7 @@ ROTATION_SPACES = {"local": "Local rotations", "global": "Global rotations"}
 def rotation_noise_player_value(
     value: dict[str, Any], clean_row: dict[str, Any], noise_rad: float
 ) -> dict[str, Any]:
-    """Return a player's value with a row twice, one with noise (rad) that a slider changes."""
+    """Return a player's value of a row twice: noise (rad) on local and on global rotations."""
     colors = colors_of(ROTATION_SPACES, None)
     shared = {
         key: clean_row[key]

@@ -26,18 +26,18 @@ from app.page.parts import markup
 from app.page.parts.markup import Updates, update_html
 from app.page.results.result_parts import ResultParts, figures_html, file_list_html
 from app.page.results.run_view import RunView, run_views_in
-from app.page.results.tables import clips_html, jerk_bars, run_metrics_table, runs_title
+from app.page.results.tables import jerk_bars, jerk_by_clip_html, run_metrics_table, runs_title
 from app.page.routes.media import GONE, OnDemandFiles, SharedFolders
 from app.page.visitors.job_folders import Job
-from app.page.visitors.visitors import TokenStore, equal_in_constant_time
+from app.page.visitors.visitors import TokenStore, is_same_cookie
 from app.run.batch.saved_run import copy_run
-from app.run.output.run_folder import READABLE_TABLES, RunRecord, existing_file
+from app.run.output.run_folder import READABLE_BATCH_TABLES, RunRecord, existing_file
 
 RUN_QUERY_PARAMETER = "run"
 """Query parameter of the page's URL."""
 RUN_ROUTE = "/media/run"
 """Route of downloads of a run, followed by its token."""
-EDITED = "generate"
+PLAN_EDITOR_TAB = "generate"
 """Tab with the plan editor."""
 _MAX_STEM = 60
 
@@ -81,12 +81,12 @@ class SavedRun:
         if self.clips:
             done = [run for run in self.clips.values() if run.record.state == "done"]
             line = text.CLIPS_DONE.format(done=len(done), count=len(self.clips))
-        moving = [(clip, run) for clip, run in self.clips.items() if run.record.has_motion]
+        moving = [(clip, run) for clip, run in self.clips.items() if run.record.is_playable]
         choices = [(clip, run.token) for clip, run in moving]
         return {
-            **progress_updates(run_view, parts),
+            **result_updates(run_view, parts),
             parts.clips: update_html(
-                clips_html({clip: run.record for clip, run in self.clips.items()})
+                jerk_by_clip_html({clip: run.record for clip, run in self.clips.items()})
             ),
             **(
                 {parts.verdict: update_html("")} if self.clips else {}
@@ -101,7 +101,7 @@ class SavedRun:
     def downloads_html(self, run_view: RunView) -> str:
         """Format the links to the zip, the HTML page and single files."""
         files = [run_view.folder / name for name in self.record.files if "/" not in name]
-        files += [self.folder / name for name in READABLE_TABLES if self.clips]
+        files += [self.folder / name for name in READABLE_BATCH_TABLES if self.clips]
         listed = file_list_html(filter(Path.is_file, files), run_view.to_url)
         address = f"{RUN_ROUTE.lstrip('/')}/{self.token}"
         zipped = f'href="{address}" download title="{text.SAVE_RUN_HELP}"'
@@ -116,7 +116,7 @@ class SavedRun:
         return f'{heading}<div class="downloads"><p>{saved}</p>{note}{listed}</div>'
 
 
-def progress_updates(run_view: RunView, parts: ResultParts) -> Updates:
+def result_updates(run_view: RunView, parts: ResultParts) -> Updates:
     """Return the updates of player, verdict, metrics and figures of a run, finished or not."""
     record = run_view.record
     files = (existing_file(run_view.folder, name) for name in record.files)
@@ -146,26 +146,22 @@ class SavedRuns(TokenStore[SavedRun]):
         by_clip = {clip: SavedRun(job, each, form or {}) for clip, each in run_views.items()}
         for run in by_clip.values():
             run.clips = by_clip if len(by_clip) > 1 else {}
-            if job.tab == EDITED and run.view.planned_rows():
+            if job.tab == PLAN_EDITOR_TAB and run.view.original_rows_with_input_plan():
                 run.view.set_editor_state()
             run.token = self.keep(run, job.folder, None)
         runs = list(by_clip.values())
-        return next((run for run in runs if run.record.has_motion), runs[0])
+        return next((run for run in runs if run.record.is_playable), runs[0])
 
     def find_editable(self, name: str, cookie: str) -> SavedRun | None:
         """Return the run of a name if this browser may edit its plans, or None."""
         runs = [run for run in self.all() if run.view.name == name and run.view.editor_state]
-        mine = (
-            run
-            for run in runs
-            if not run.job.cookie or equal_in_constant_time(run.job.cookie, cookie)
-        )
+        mine = (run for run in runs if not run.job.cookie or is_same_cookie(run.job.cookie, cookie))
         return next(mine, None)
 
     def runs_of(self, cookie: str) -> list[SavedRun]:
         """Return a browser's own runs, the newest first, with one for all clips of a run."""
         firsts = [run for run in self.all() if next(iter(run.clips.values()), run) is run]
-        mine = [run for run in firsts if equal_in_constant_time(run.job.cookie, cookie)]
+        mine = [run for run in firsts if is_same_cookie(run.job.cookie, cookie)]
         return sorted(mine, key=lambda run: run.ended_at, reverse=True)
 
     def links_html(self, cookie: str, *opened: SavedRun) -> str:
@@ -201,7 +197,7 @@ def add_host_run(saved_runs: SavedRuns, path: Path, temp: Path, media: SharedFol
     folder = copy_run(path, temp)
     run_views = run_views_in(folder, media.share(folder, ""), temp.name)
     is_made = next(iter(run_views.values())).record.kind == "generated"
-    job = Job("", EDITED if is_made else "own_motion", temp)
+    job = Job("", PLAN_EDITOR_TAB if is_made else "own_motion", temp)
     return saved_runs.add_run(job, run_views).token
 
 

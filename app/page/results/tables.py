@@ -289,7 +289,7 @@ def runs_title(records: Sequence[RunRecord]) -> str:
     return f"{len(records)} clips: {requested}"
 
 
-def clips_html(runs: Mapping[str, RunRecord]) -> str:
+def jerk_by_clip_html(runs: Mapping[str, RunRecord]) -> str:
     """Format each system's jerk with its interval over clips, and by clip; empty for one run."""
     if len(runs) < 2:
         return ""

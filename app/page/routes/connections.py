@@ -9,11 +9,10 @@ from typing import Any, ClassVar
 
 from app.page.visitors.visitors import network_of
 
-MAX_CONNECTIONS = 300
+MAX_CONNECTIONS_PER_ADDRESS = 300
 """Maximum number of open connections of one address, unless it is a trusted proxy's."""
 STALLED_S = 60.0
-"""Time (s) after which a client has stalled that sends no more of its request, or reads no more of
-the answer."""
+"""Time (s) after which a client has stalled that stops sending a request or reading the answer."""
 _Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 
@@ -73,7 +72,7 @@ class _LimitedConnection(asyncio.Protocol):
         own = self.transports.setdefault(_address(self), set())
         own -= {each for each in own if each.is_closing()}  # by now WebSockets, which do not say so
         own.add(self.transport)
-        return len(own) > MAX_CONNECTIONS
+        return len(own) > MAX_CONNECTIONS_PER_ADDRESS
 
     def _progress(self) -> tuple[int, int]:
         return self._num_steps, self.transport.get_write_buffer_size()

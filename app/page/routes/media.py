@@ -40,9 +40,9 @@ from app.page.visitors.characters import FILE, Characters
 from app.page.visitors.quota import Quota
 from app.page.visitors.visitors import TokenStore, cookie_of
 from app.run import frame_packets
-from app.run.requests.convert import parse_field, request_from
+from app.run.requests.convert import parse_form_value, request_from
 from app.run.requests.parts import FigureWidth, VideoOptions, check_choice
-from app.run.requests.requests import MARKERS_SUFFIX, FigureRequest, RenderRequest
+from app.run.requests.requests import MARKERS_SUFFIX, Figure6Request, RenderRequest
 from app.run.tasks import DRAW_FIGURE, REDRAW_FIGURE, RENDER, WRITE_PLAN, WRITE_STAGE_BODY
 from renderer.figures.style import CONTENTS_SUFFIX, FIGURE_FORMATS
 
@@ -89,8 +89,7 @@ class SharedFolders(TokenStore[_Shared]):
     ) -> FileToUrl:
         """Return a function that gives the current and later files of a folder their URLs.
 
-        The URL of a file changes when the file is replaced. A browser without a cookie needs only
-        the URL.
+        A replaced file gets a new URL. A browser without a cookie needs only the URL.
 
         Args:
             types: MIME types of files that are shown rather than downloaded.
@@ -200,7 +199,7 @@ REDRAW_PARAMETERS: Mapping[str, str] = {
     "frames": "figure_frames",
     "width": "figure_width",
 }
-"""Fields of `FigureRequest` by URL parameter; with one of them, Figure 6 is drawn again."""
+"""Fields of `Figure6Request` by URL parameter; with one of them, Figure 6 is drawn again."""
 
 
 class _Modules(StaticFiles):
@@ -214,16 +213,16 @@ class _Modules(StaticFiles):
 
 def redraw_request(
     run: Path, query: QueryParams, form: str, out: Path, body: Path | None
-) -> FigureRequest:
+) -> Figure6Request:
     """Return the request of a URL that draws a run's Figure 6 again; raises RunError."""
     values = {
-        name: parse_field(FigureRequest, name, ",".join(query.getlist(key)))
+        name: parse_form_value(Figure6Request, name, ",".join(query.getlist(key)))
         for key, name in REDRAW_PARAMETERS.items()
         if any(query.getlist(key))
     }
     check_choice(values.get("figure_width", "174mm"), get_args(FigureWidth), "width")
     own = {"run": run, "out": out.with_suffix(""), "body": body, "figure_formats": (form,)}
-    return request_from(FigureRequest, values | own)
+    return request_from(Figure6Request, values | own)
 
 
 def media_routes(
@@ -297,7 +296,7 @@ CHARACTER_TOO_LARGE = (
     "This file is larger than the limit of {limit:.0f} MB for a character; export it with smaller "
     "textures."
 )
-TOO_MANY_CHARACTERS = "The server is reading too many other characters now; try again in a moment."
+TOO_MANY_CHARACTERS = "The server is busy reading other character files; try again in a moment."
 CHARACTER_GONE = (
     "Your character was deleted because it was not used for a while; choose its file again."
 )
@@ -417,7 +416,7 @@ def viewer_constants() -> bytes:
     from app.run.requests.parts import DEFAULT_TRACKED_POINT
     from conventions.views import BODY_BUILDS, CUTOFF_HZ, MAX_EXAGGERATED_RAD
     from renderer.body.look import SKIN_TONE_COLORS
-    from renderer.files.glb import STEP_M
+    from renderer.files.glb import BUILD_OFFSET_STEP_M
     from renderer.video.render_constants import browser_render_constants
 
     constants = {
@@ -429,7 +428,7 @@ def viewer_constants() -> bytes:
         "points": {name: title for title, name in tracked_point_choices()},
         "usual_point": DEFAULT_TRACKED_POINT,
         "tones": SKIN_TONE_COLORS,
-        "builds": {"names": BODY_BUILDS, "step": STEP_M},
+        "builds": {"names": BODY_BUILDS, "step": BUILD_OFFSET_STEP_M},
     }
     return json.dumps(constants, separators=(",", ":")).encode()
 
@@ -437,6 +436,6 @@ def viewer_constants() -> bytes:
 VIEWER_ASSETS: Mapping[str, tuple[Callable[[], bytes], str]] = {
     "live/body.glb": (frame_packets.make_open_body_glb, "model/gltf-binary"),
     "stage/facts.json": (viewer_constants, "application/json"),
-    "stage/builds.bin": (frame_packets.open_body_build_bytes, "application/octet-stream"),
+    "stage/builds.bin": (frame_packets.encode_open_body_builds, "application/octet-stream"),
 }
 """Functions that make the data which every viewer fetches once, and MIME types, by route."""

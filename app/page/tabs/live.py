@@ -31,15 +31,15 @@ class LiveRecordingRunner(MotionRunner):
     def make_request(self, job: Job, values: Sequence[Any]) -> GenerateRequest:
         """Write the last minute to the job's folder, and return its request; raises RunError."""
         token = values[0] if isinstance(values[0], str) else ""
-        recording = self.services.live.save_recording(token[:_MAX_TOKEN], job.cookie, job.folder)
-        config = self.services.config_for(job)
+        recording = self.services.live.save_last_minute(token[:_MAX_TOKEN], job.cookie, job.folder)
+        config = self.services.config_with_character(job)
         display = {**PAGE_VIDEO_OPTIONS, "figure_formats": ("png",)}
         return replace_fields(recording, weights=config.weights, body=config.body, **display)
 
 
 TAB = "Live"
 INTRODUCTION = (
-    "Speak, and the body gestures about a second later. Audio is sent only to the server of this "
+    "Speak, and the body moves about a second later. Audio is sent only to the server of this "
     "page, which keeps the last minute in memory until ten minutes after you stop."
 )
 KEEP = "Save the last minute"

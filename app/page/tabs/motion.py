@@ -30,7 +30,7 @@ from app.page.parts.markup import UNQUEUED_EVENT, group_choices
 from app.page.tabs.runner import PAGE_VIDEO_OPTIONS, Services, request_with_page_settings
 from app.run.batch.saved_run import SPEECH_FOLDER
 from app.run.batch.speech_batch import ENDINGS
-from app.run.requests.parts import DEFAULT_TRACKED_POINT, FIGURE_PANELS, MAX_CLIPS, MAX_SAMPLES
+from app.run.requests.parts import DEFAULT_TRACKED_POINT, FIGURE_PANELS, MAX_PAGE_CLIPS, MAX_SAMPLES
 from app.run.requests.requests import GenerateRequest
 from app.run.upload_check import TOO_MANY_CLIPS
 from conventions.names import pluralise, printable, safe_file_stem
@@ -108,8 +108,8 @@ def save_form_values(form: Fields, values: Sequence[Any], folder: Path) -> dict[
 
 def _check_clips(speeches: Sequence[Path], values: Mapping[str, Any]) -> None:
     """Check several speeches, and that no field is set that needs a single one; raises RunError."""
-    if len(speeches) > MAX_CLIPS:
-        raise RunError(TOO_MANY_CLIPS.format(limit=MAX_CLIPS, count=len(speeches)))
+    if len(speeches) > MAX_PAGE_CLIPS:
+        raise RunError(TOO_MANY_CLIPS.format(limit=MAX_PAGE_CLIPS, count=len(speeches)))
     if any(values[name] is not None for name in ("reference", "transcript", "plan")):
         raise RunError(text.OF_ONE_CLIP)
     names = [safe_file_stem(path.stem) for path in speeches]
@@ -154,7 +154,7 @@ def build_form(services: Services) -> FormParts:
         _offer_examples(catalogue.examples, of["speech"], config.cache_folder / "examples")
     with gr.Accordion(text.CLIPS_LABEL, open=False, elem_id="several-fold"):
         help_text = text.CLIPS_HELP.format(
-            count=MAX_CLIPS,
+            count=MAX_PAGE_CLIPS,
             max_min=round(config.max_speech_s / 60, 1),
             size=config.max_upload_size.upper().replace("MB", " MB"),
         )
@@ -179,7 +179,7 @@ def build_form(services: Services) -> FormParts:
             value=catalogue.speakers[0] if catalogue.speakers else None,
             label="Speaker style",
             info="Gesture style of one speaker of the training data; it need not match the voice "
-            "in the audio. The bundled weights have invented speakers.",
+            "in the audio. The bundled weights were trained on invented speakers.",
             min_width=120,
         )
         of["seed"] = gr.Number(
@@ -219,7 +219,7 @@ def build_form(services: Services) -> FormParts:
             label="Sampler steps",
             info=(
                 "Empty: the default of each system. A number applies to all systems; full=20, "
-                "local=5 changes only these two."
+                "local=5 sets only the systems full and local."
             ),
             placeholder=catalogue.default_steps_text,
             max_lines=1,
@@ -266,7 +266,7 @@ def figure_fields(elem_id: str | None = None) -> dict[str, Any]:
     of["figure_panels"] = gr.CheckboxGroup(
         choices=[(f"{letter} {what}", letter) for letter, what in FIGURE_PANELS.items()],
         value=list(FIGURE_PANELS),
-        label="Panels of the fingertip figure (Figure 6)",
+        label="Panels of the fingertip figure (Figure 6 of the GlobalDiff paper)",
     )
     with gr.Row(elem_classes="pair"):
         of["start_frame"] = gr.Number(

@@ -20,14 +20,14 @@ from app.page.parts.markup import UNQUEUED_EVENT, Updates, scroll_to_on_click, u
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_comparison import comparison_updates
 from app.page.results.run_view import EMPTY_PLAYER_VALUE, run_views_in
-from app.page.results.saved_runs import RUN_QUERY_PARAMETER, SavedRun, progress_updates
-from app.page.results.tables import clips_html
+from app.page.results.saved_runs import RUN_QUERY_PARAMETER, SavedRun, result_updates
+from app.page.results.tables import jerk_by_clip_html
 from app.page.tabs.motion import FormParts, request_from_form, save_form_values
 from app.page.tabs.runner import Services, TabRunner
 from app.page.tabs.stage import BackgroundVideos
 from app.page.visitors.job_folders import Job
-from app.page.visitors.visitors import cookie_of, equal_in_constant_time, page_session_of
-from app.run.batch.saved_run import OPENED, run_page_request
+from app.page.visitors.visitors import cookie_of, is_same_cookie, page_session_of
+from app.run.batch.saved_run import UNPACKED_ZIP_FOLDER, run_page_request
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, RunStage, StageProgress
 from app.run.output.run_folder import mark_run_failed
 from app.run.requests.convert import replace_fields
@@ -98,7 +98,7 @@ class MotionRunner(TabRunner):
         # The button is enabled while figures are drawn; its next run is queued behind them.
         begun = [self.start_after(form.start.click, fields, trigger_mode="multiple", **how)]
         begun[0].failure(
-            self.failure_updates, outputs=waits, **UNQUEUED_EVENT
+            self.reset_updates_on_failure, outputs=waits, **UNQUEUED_EVENT
         )  # also if the queue is full
         begun += [self.start_after(event, [*form.fields.values()]) for event in also]
         self.cancel_on(form.cancel, begun, self.outputs)
@@ -152,10 +152,10 @@ class MotionRunner(TabRunner):
             updates: Updates = {parts.status: line.updated_html(events)}
             if any(isinstance(event, FolderUpdated) for event in events):
                 begun = run_views()
-                moving = [each for each in begun.values() if each.record.has_motion]
-                updates |= progress_updates(moving[0], parts) if moving else {}
+                moving = [each for each in begun.values() if each.record.is_playable]
+                updates |= result_updates(moving[0], parts) if moving else {}
                 records = {clip: each.record for clip, each in begun.items()}
-                updates[parts.clips] = update_html(clips_html(records))
+                updates[parts.clips] = update_html(jerk_by_clip_html(records))
                 if len(records) > 1:
                     updates[parts.verdict] = update_html("")
                 if [*records] == [""] and records[""].metrics:  # figures do not need the form
@@ -171,7 +171,7 @@ class MotionRunner(TabRunner):
                 try:
                     services.worker.do(run_page_request, without_video, callbacks)
                 finally:  # after the end of its process, maybe later than that of the generator
-                    opened = request.output.out.with_name(OPENED)
+                    opened = request.output.out.with_name(UNPACKED_ZIP_FOLDER)
                     shutil.rmtree(opened, ignore_errors=True)
 
             yield from self.run_with_updates(job, do, updates_of)
@@ -219,7 +219,7 @@ class MotionRunner(TabRunner):
         line = markup.sentence_status("Waiting in the queue.")
         return {self.status: line, **self.button_updates(is_running=True)}
 
-    def failure_updates(self, request: gr.Request) -> Updates:
+    def reset_updates_on_failure(self, request: gr.Request) -> Updates:
         """Release the buttons after a failed run, and the status if the queue was full."""
         page_session = page_session_of(request)
         if page_session not in self._waiting:
@@ -251,7 +251,7 @@ class GenerateRunner(MotionRunner):
         services = self.services
         form_values = parse_form_values(GenerateRequest, self.form.fields, values)
         return request_from_form(
-            form_values, job.folder, services.catalogue, services.config_for(job)
+            form_values, job.folder, services.catalogue, services.config_with_character(job)
         )
 
 
@@ -325,9 +325,9 @@ class PageLoader:
 
     def _open_run(self, run: SavedRun, parts: ResultParts, cookie: str) -> Updates:
         run_view = run.view
-        is_own = equal_in_constant_time(run.job.cookie, cookie)
+        is_own = is_same_cookie(run.job.cookie, cookie)
         if run.job.page_session and not is_own:  # without one: public
-            run_view = run_view.for_browser(self.services.media.share(run.folder, cookie))
+            run_view = run_view.read_only_copy(self.services.media.share(run.folder, cookie))
         return {
             **run.updates(parts, run_view),
             parts.runs: update_html(self._saved_runs.links_html(cookie, run)),

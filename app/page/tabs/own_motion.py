@@ -28,7 +28,7 @@ from app.page.visitors.visitors import TokenStore
 from app.run.batch.archives import UNPACKED, archive_stem, is_archive
 from app.run.batch.saved_run import is_saved_run_zip
 from app.run.callbacks import RunCallbacks
-from app.run.examples import RECORDED, write_faulty_example_files
+from app.run.examples import RECORDED, write_faulty_example
 from app.run.requests.convert import replace_fields, request_from
 from app.run.requests.parts import DEFAULT_TRACKED_POINT, MAX_COMPARED
 from app.run.requests.requests import AnyRun, DiagnoseRequest
@@ -53,8 +53,8 @@ NO_RECORDED = "none"
 _IS_RECORDED = re.compile(r"reference|record|ground.?truth|(?<![a-z])gt(?![a-z])", re.IGNORECASE)
 WINDOWS_HELP = (
     "Many systems generate motion in windows of a fixed length, which can leave jumps at the "
-    "seams. Enter the length to check these seams. If it is empty, every period from 2 to 240 "
-    "frames is tested."
+    "seams. Enter the length to check these seams. If the field is empty, every period from 2 to "
+    "240 frames is tested."
 )
 PLANTED_LABEL = "Try an example with injected faults"
 ASSUME_LABEL = "Import settings"
@@ -62,8 +62,8 @@ ASSUME_HELP = (
     "Corrections of what was detected in the files, separated by commas: up=z, facing=x, units=cm, "
     "rate=25 (fps), hands=mean, rotations=6d-columns, motion=2 (of several), frames=bridge "
     "(interpolates invalid frames), lag=.4 (s). *.bvh:up=z or NAME:up=z corrects only some files. "
-    "Corrections that you choose on the label of a file are added here, and also apply to files "
-    "that you add later."
+    "Corrections that you choose on a file's label in the viewer are added here, and also apply to "
+    "files that you add later."
 )
 CLIP_LABEL = "Show a clip in the viewer"
 INTRODUCTION = (
@@ -82,7 +82,7 @@ def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
             form = build_own_motion_form(services)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             of_sets = (
-                markup.hidden_html("own-sets"),
+                markup.html_hidden_if_empty("own-sets"),
                 gr.Dropdown([], label=CLIP_LABEL, visible=False, elem_id="own-sets-clip"),
             )
             parts = ResultParts("own-")
@@ -90,7 +90,7 @@ def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
     motions, recorded, assume = (form.fields[each] for each in ("motions", "recorded", "told"))
     markup.scroll_to_on_click(planted, parts.status)
     filled = planted.click(
-        lambda: (write_faulty_example_files(services.config.temp_folder / "planted"), RECORDED),
+        lambda: (write_faulty_example(services.config.temp_folder / "planted"), RECORDED),
         outputs=[motions, recorded],
         **PRIVATE_EVENT,
         trigger_mode="once",
@@ -202,8 +202,7 @@ DIAGNOSE_DEFAULTS: dict[str, Any] = {
     "picture_height_px": 512,
     "max_total_frames": 108_000,
 }
-"""Fields of every request of this tab; the limit is an hour of frames, which the command line
-lacks."""
+"""Fields of this tab's requests; the limit is an hour of frames, which the command line lacks."""
 MAX_NAME = 60
 """Maximum length of a file's name in figures and tables (characters)."""
 
@@ -297,7 +296,7 @@ class DiagnoseRunner(MotionRunner):
 
     def make_request(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
         fields = parse_form_values(DiagnoseRequest, self.form.fields, values)
-        return own_motion_request(fields, job.folder, self.services.config_for(job))
+        return own_motion_request(fields, job.folder, self.services.config_with_character(job))
 
     def perform(
         self, job: Job, request: AnyRun, form: Mapping[str, Any]
@@ -356,7 +355,7 @@ class ClipRunner(MotionRunner):
 
     def make_request(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
         token, _, clip = str(values[0] if values else "").partition("/")
-        sets, config = self._sets.find(token, job.cookie), self.services.config_for(job)
+        sets, config = self._sets.find(token, job.cookie), self.services.config_with_character(job)
         if sets is None:
             raise RunError("These clips have expired. Please upload the zips again.")
         if clip not in sets.batch_json["clips"]:

@@ -86,7 +86,7 @@ class Services:
     opened_run_tokens: tuple[str, ...] = ()
     """Tokens of the run that the page was started to show."""
 
-    def config_for(self, job: Job) -> AppConfig:
+    def config_with_character(self, job: Job) -> AppConfig:
         """Return the settings of this page with the visitor's character, if there is one."""
         body = self.characters.link(job.cookie, job.folder) or self.config.body
         return replace(self.config, body=body)
@@ -191,11 +191,10 @@ class TabRunner(ABC):
     """Runner of a tab's tasks, each a queued click that becomes a run with updates of the tab."""
 
     tab: ClassVar[str]
-    shows_errors: ClassVar[bool] = True
+    shows_errors_in_tab: ClassVar[bool] = True
     """True if the tab itself shows the reason for a failure."""
     survives_disconnect: ClassVar[bool] = False
-    """True if a run is listed among the visitor's runs, and continues when its page loses the
-    connection."""
+    """True if a run is listed among the visitor's runs, and continues when its page disconnects."""
 
     def __init__(self, services: Services, status: gr.HTML) -> None:
         self.services = services
@@ -277,7 +276,7 @@ class TabRunner(ABC):
                 markup.sentence_status(text.STOPPED), markup.error_message(sentence)
             )
             # Otherwise only for API clients, as the tab shows it already.
-            visible = not self.shows_errors
+            visible = not self.shows_errors_in_tab
             raise gr.Error(sentence, visible=visible, print_exception=False) from error
 
     def cancel(self, request: gr.Request) -> Updates:

@@ -63,7 +63,7 @@ class EditMessage(BaseModel):
 class EditRunner(TabRunner):
     """Runner that generates takes of one tab's runs, with messages in the plan editor."""
 
-    tab, shows_errors = "takes", False
+    tab, shows_errors_in_tab = "takes", False
 
     def __init__(self, services: Services, parts: ResultParts) -> None:
         super().__init__(services, parts.player)

@@ -58,7 +58,7 @@ def build_study_tab(services: Services) -> Fields:
                 )
             with gr.Column(elem_classes="results"):
                 status = gr.HTML(markup.idle_status(text.READY), elem_id="study-status")
-                result = markup.hidden_html("study-made", "study_key.js", "mountKey")
+                result = markup.html_hidden_if_empty("study-made", "study_key.js", "mountKey")
     protocol, speeches, systems, changed = (
         fields[name] for name in ("protocol", "speeches", "systems", "changed")
     )
@@ -123,7 +123,7 @@ def _build_materials(services: Services) -> dict[str, Any]:
         list(PLAN_MODIFICATIONS),
         value=[],
         label="Modified gestures",
-        info=f"Each choice adds one condition: {planner} with this change of its gesture plan.",
+        info=f"Each choice adds one condition: {planner} with this change to its gesture plan.",
         visible=planner in catalogue.systems,
         elem_id="study-changed",
     )
@@ -222,7 +222,7 @@ def build_analysis(services: Services) -> None:
                 start = gr.Button("Analyse", variant="primary", elem_id="analysis-start")
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             status = gr.HTML(markup.idle_status(text.READY), elem_id="analysis-status")
-            report = markup.hidden_html("analysis-report")
+            report = markup.html_hidden_if_empty("analysis-report")
     fields = {"answers": answers, "key": key}
     markup.scroll_to_on_click(start, status)
     runner = AnalysisRunner(services, fields, status, report)
@@ -390,7 +390,7 @@ class StudyRunner(TabRunner):
         """Create the study, the participants' part with the job, the researcher's in private."""
         if not job.cookie:
             raise RunError(NO_COOKIE)
-        services, config = self.services, self.services.config_for(job)
+        services, config = self.services, self.services.config_with_character(job)
         work, waiting = (config.private_folder / secrets.token_hex(16) for _ in "ab")
         job.extra_paths += [work, waiting]
         bundle, key = job.folder / "participant_bundle.zip", waiting / RESEARCHER_FILE

@@ -136,8 +136,8 @@ class ExperimentRunner(TabRunner):
             with gr.Column(scale=9, min_width=320, elem_classes="results"):
                 status = gr.HTML(markup.idle_status(text.READY), elem_id=f"{self.tab}-status")
                 self.player = markup.player_component(f"{self.tab}-")
-                self.message = markup.hidden_html(f"{self.tab}-says")
-                self.figure = markup.hidden_html(f"{self.tab}-figures")
+                self.message = markup.html_hidden_if_empty(f"{self.tab}-says")
+                self.figure = markup.html_hidden_if_empty(f"{self.tab}-figures")
         super().__init__(services, status)
         markup.scroll_to_on_click(start, status)
         outputs = [status, self.player, self.message, self.figure]
@@ -165,7 +165,7 @@ class ExperimentRunner(TabRunner):
             "is_incremental": True
         }
         request = request_with_page_settings(
-            self.request_type, wanted, self.services.config_for(job), job.folder
+            self.request_type, wanted, self.services.config_with_character(job), job.folder
         )
         request.check()
         yield self.stopped_updates(markup.sentence_status(text.STARTING_SYSTEMS), "")
@@ -175,7 +175,7 @@ class ExperimentRunner(TabRunner):
         def updates_of(events: list[RunEvent]) -> Updates:
             updates: Updates = {}
             has_grown = any(isinstance(event, FolderUpdated) for event in events)
-            if has_grown and run_view.has_begun and run_view.record.has_motion:
+            if has_grown and run_view.has_begun and run_view.record.is_playable:
                 updates[self.player] = self.player_value(run_view, wanted)
             share = last_fraction(events)
             if share is not None:
@@ -211,7 +211,7 @@ def _file(label: str, file_types: list[str]) -> gr.File:
 
 
 class RotationNoiseRunner(ExperimentRunner):
-    """Runner of the paper's argument on two bodies, without a network.
+    """Runner that compares equal noise on local and on global rotations, without a network.
 
     The page adds the noise, so that its slider acts at once; a run measures and draws the error
     along the arm, of the example or of an own motion.
@@ -336,5 +336,5 @@ class StepSweepRunner(ExperimentRunner):
         if not values["systems"]:
             raise RunError("Select at least one system to measure.")
         if speech is None:
-            raise RunError("Upload speech to measure with; this installation has no examples.")
+            raise RunError("Upload a speech recording; this installation has no examples.")
         return {**values, "speech": speech}

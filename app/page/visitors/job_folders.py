@@ -105,7 +105,7 @@ def start_sweeper(
                 sweep(root, keep_s, in_use())
                 on_swept()
             except Exception:
-                log.exception("a sweep failed; the next one follows")
+                log.exception("deleting expired files failed; it will be tried again")
             time.sleep(every_s)
 
     threading.Thread(target=sweep_for_ever, name="sweep", daemon=True).start()
@@ -175,8 +175,7 @@ class Jobs:
         """Open a job with a private folder for the block; the folder stays for downloads.
 
         The folder and the uploads among a form's values are not deleted during the job, and start
-        to age at its end. Raises RunError if the owner's uploads and runs use too much of the disk
-        already.
+        to age at its end. Raises RunError if the owner's uploads and runs use too much of the disk.
         """
         self.quota.measure_runs(owner)
         self.quota.require_space(owner)
@@ -209,7 +208,7 @@ class Jobs:
             for job in self._jobs:
                 job.cancel()
 
-    def cancel_closed_page(self, page_session: str, cookie: str) -> None:
+    def cancel_all_of_closed_page(self, page_session: str, cookie: str) -> None:
         """Cancel all runs of a page that its own browser has closed."""
         with self._lock:
             for job in self._jobs:

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from starlette.requests import HTTPConnection
 
 QUOTA_FULL = (
-    "Uploads and runs from your address would take {used:.1f} GB; the limit is {limit:g} GB. They "
-    "are deleted {minutes:.0f} minutes after their last use. Try again later, or use the command "
-    "line, which has no such limit."
+    "Uploads and runs from your IP address would take {used:.1f} GB; the limit is {limit:g} GB. "
+    "They are deleted {minutes:.0f} minutes after their last use. Try again later, or use the "
+    "command line, which has no such limit."
 )
 
 

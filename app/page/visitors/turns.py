@@ -27,8 +27,8 @@ MAX_SESSIONS = 2000
 """Maximum number of pages with stored messages."""
 FULL = "The queue is full: {count} runs are already waiting. Try again later."
 FULL_OF_ADDRESS = (
-    "{count} requests from your address are already waiting; the limit is {count}. Wait until one "
-    "is finished."
+    "{count} requests from your IP address are already waiting; the limit is {count}. Wait until "
+    "one is finished."
 )
 
 

@@ -68,7 +68,7 @@ def user_of(app: Any, request: HTTPConnection) -> str | None:
     return next((user for user in users if user is not None), None)
 
 
-def equal_in_constant_time(first: str, second: str) -> bool:
+def is_same_cookie(first: str, second: str) -> bool:
     """Check in constant time whether two cookies are equal; an empty one equals none."""
     return bool(first) and secrets.compare_digest(first.encode(), second.encode())
 
@@ -95,7 +95,7 @@ def leaving_route(jobs: Jobs) -> APIRoute:
     """Make the route for the notification that a page was closed, which ends its runs."""
 
     async def leave(request: fastapi.Request) -> fastapi.Response:
-        jobs.cancel_closed_page((await request.body()).decode("latin-1"), cookie_of(request))
+        jobs.cancel_all_of_closed_page((await request.body()).decode("latin-1"), cookie_of(request))
         return fastapi.Response(status_code=204)
 
     return APIRoute(LEAVING_ROUTE, leave, methods=["POST"], include_in_schema=False)
@@ -115,8 +115,7 @@ class TokenStore(Generic[Thing]):
     def keep(self, thing: Thing, lifetime_path: Path, owner_cookie: str | None) -> str:
         """Store an object while a path exists, and return its token of 256 random bits.
 
-        The same object gets the same token. A cookie of None allows every browser, an empty one
-        none.
+        The same object gets the same token. A cookie of None allows any browser, an empty one none.
         """
         entry = lifetime_path, owner_cookie, thing
         with self._lock:
@@ -132,7 +131,7 @@ class TokenStore(Generic[Thing]):
         """Return the object of a token; None without access, or when its files are gone."""
         with self._lock:
             files, owner, thing = self._entries.get(token, (Path(), "", None))
-        if not files.exists() or not (owner is None or equal_in_constant_time(owner, cookie)):
+        if not files.exists() or not (owner is None or is_same_cookie(owner, cookie)):
             return None
         return thing
 

@@ -111,16 +111,14 @@ def unpack_archive(
 
     Args:
         limits: limits of extraction; by default those of a set on the command line.
-        is_selected: selects paths in the archive, without nested archives; by default all are
-            extracted.
+        is_selected: selects paths in the archive, without nested archives; by default all.
 
     Returns:
         The number of files.
 
     Raises:
         RunError: if the archive is unreadable, contains links, unsafe names, a name twice, no
-            required file, or more than the limits. Files extracted before that was detected may
-            remain.
+            required file, or more than the limits. Files extracted until then may remain.
     """
     count = _Archive(archive, endings, limits or UnpackBudget(), is_selected).unpack(folder)
     if not count and is_selected is None:
@@ -240,7 +238,7 @@ class _Archive:
                 entries: list[_Entry] = []
                 for member in islice(opened, self._limits.max_files + 1):
                     if member.size < 0:
-                        raise tarfile.ReadError("a file of less than nothing")
+                        raise tarfile.ReadError("negative file size")
                     is_usual = member.isdir() or (member.isreg() and not member.issparse())
                     path = self._checked(member.name.removeprefix("./") or ".", is_usual)
                     opening = partial(opened.extractfile, member)
@@ -269,14 +267,14 @@ class _Archive:
                 )
             if entry.size > left.max_file_bytes and not is_nested:
                 raise RunError(
-                    f"The file {str(path)!r} in {name} has {_mib(entry.size)}; the limit for a "
+                    f"The file {str(path)!r} in {name} is {_mib(entry.size)}; the limit for a "
                     f"file is {_mib(left.max_file_bytes)}."
                 )
             wanted[path] = entry
         total = sum(entry.size for entry in wanted.values())
         if total > left.max_total_bytes:
             raise RunError(
-                f"The files in {name} have {_mib(total)} in total; the limit is "
+                f"The files in {name} take {_mib(total)} in total; the limit is "
                 f"{_mib(left.max_total_bytes)}. Split the archive."
             )
         left.max_files -= len(entries)
@@ -314,7 +312,7 @@ class _CappedStream:
 
     def read(self, size: int = -1) -> bytes:
         if not 0 <= size <= _MAX_HEADER_BYTES + tarfile.BLOCKSIZE:
-            raise tarfile.ReadError("a header of no usual size")
+            raise tarfile.ReadError("unusual header size")
         self._check(self._file.tell() + size)
         return self._file.read(size)
 
@@ -353,11 +351,11 @@ def _write(source: IO[bytes], size: int, path: Path) -> int:
         while block := source.read(min(1 << 20, left + 1)):
             left -= len(block)
             if left < 0:
-                raise zipfile.BadZipFile("more than it says")
+                raise zipfile.BadZipFile("a file is longer than its stated size")
             check = zlib.crc32(block, check)
             target.write(block)
         if left:
-            raise zipfile.BadZipFile("less than it says")
+            raise zipfile.BadZipFile("a file is shorter than its stated size")
     return check
 
 

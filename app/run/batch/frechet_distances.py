@@ -77,7 +77,7 @@ def _load_encoders(metrics: MetricOptions, stamps: FileStamps) -> tuple[FeatureE
                 lambda m, _: emage.emage_codes(theirs, m),
                 frames,
                 sha256,
-                emage.ROOT_OFFSET,
+                emage.COVARIANCE_OFFSET,
             )
         )
     for path in metrics.genea_weights:
@@ -85,7 +85,8 @@ def _load_encoders(metrics: MetricOptions, stamps: FileStamps) -> tuple[FeatureE
         key, length = FGD_GENEA[encoder.length], encoder.length
         if any(judge.metric == key for judge in judges):
             raise CheckpointError(
-                f"{path.name} is the second encoder for {length} frames; give only one of them."
+                f"{path.name} is a second GENEA encoder for {length} frames; give only one for "
+                "each length."
             )
         codes, sha256 = partial(genea.genea_codes, encoder), file_sha256(path)
         judges.append(FeatureEncoder(key, f"fgd/genea-{length}", codes, length // 2, sha256))

@@ -97,8 +97,7 @@ def entries_from_results(
 ) -> list[LeaderboardEntry]:
     """Make the entries of a folder of `diagnose` with whole sets.
 
-    The note, such as the training or the paper, is on all entries. Raises RunError with one
-    sentence.
+    The note, such as the training or paper, is on all entries. Raises RunError with one sentence.
     """
     files = (folder / BATCH, folder / FORMER_BATCH)
     path = next(filter(Path.is_file, files), files[0])
@@ -217,7 +216,7 @@ _WITHOUT_AIM = {row.key for row in METRICS if not row.is_compared_with_reference
 _FIRST = {row.key for row in METRICS if row.is_primary or row.key == POWER_ABOVE_5_HZ}
 
 
-def leaderboard_html(entries: Sequence[LeaderboardEntry]) -> str:
+def leaderboard_page_html(entries: Sequence[LeaderboardEntry]) -> str:
     """Format the page with a table for each test; entries as ordered by `merge_entries`."""
     folder = Path(__file__).parent
     env = jinja2.Environment(

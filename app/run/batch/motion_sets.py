@@ -2,8 +2,7 @@
 
 Files at any depth are paired by clip and sample (`app.run.batch.pairing`). Each clip is measured
 unfiltered by one process, and its metrics, means over samples, are stored in ``clips``, so that an
-interrupted run can continue. A clip without a readable file in some set is left out of the tables,
-and listed.
+interrupted run can continue. A clip without a readable file in some set is listed, not tabulated.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from app.run.tasks import SetResults
 from conventions.names import REFERENCE_NAME, pluralise, printable
 from model.diagnostics import analyse_raw
 from model.faults.table import drop_findings_on_missing_parts, find_faults
-from model.formats.parameters import parameter_files
+from model.formats.parameters import sibling_parameter_files
 from model.formats.read import ENDINGS, read_any_motion
 from model.formats.reading import MISSING_PART_TEXTS, MOTIONS, REFERENCE, ImportedMotion
 from model.metrics.lag import speech_bands_by_frame
@@ -319,13 +318,13 @@ def _named_folders(request: DiagnoseRequest) -> dict[str, Path]:
 def _speech_folder(request: DiagnoseRequest) -> Path | None:
     if request.metrics.mean_speeds is not None and request.speech.path is None:
         raise RunError(
-            "Mean joint speeds are used only for BeatAlign, which needs speech; also give it "
-            "(--speech FOLDER)."
+            "Mean joint speeds are used only for BeatAlign, which needs speech; also give a "
+            "folder of audio files (--speech FOLDER)."
         )
     if request.speech.path is not None and not request.speech.path.is_dir():
         raise RunError(
             f"{request.speech.path} is not a folder or zip; for folders of motions, give a folder "
-            "of audio files with the names of the clips."
+            "of audio files named like the clips."
         )
     return request.speech.path
 
@@ -360,7 +359,7 @@ class _ClipJob:
         files |= {
             f"{name} {part}": each
             for name, path in files.items()
-            for part, each in parameter_files(path).items()
+            for part, each in sibling_parameter_files(path).items()
         } | {name: path for name, path in beside.items() if path is not None}
         return inputs_stamp(
             files,
@@ -478,7 +477,7 @@ class _ClipJob:
         bands = speech_bands_by_frame(speech.waveform)
         return {
             "onsets_s": cached_speech_onsets(speech),
-            "speech_bands": bands,
+            "speech_log_mel": bands,
             "protocol_inputs": inputs,
         }
 
@@ -494,7 +493,7 @@ class _ClipJob:
                 )
             except MotionError as error:
                 why = error
-                unread.append(f"This sample was skipped: {error}")
+                unread.append(f"A sample was skipped: {error}")
         if why is not None and not readings:
             raise why
         return readings
@@ -544,7 +543,7 @@ def import_notes(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> l
         for name, of_set in files.items()
     }
     counted = [
-        f"{name}: {kind} assumed to be {value} in {count} of {len(files[name])} files: "
+        f"{name}: {kind!r} is assumed to be {value} in {count} of {len(files[name])} files: "
         f"{why[kind, value]}."
         for name, many in counts.items()
         for (kind, value), count in many.most_common()
@@ -582,4 +581,4 @@ def _reading_differences(counts: Mapping[str, Counter[tuple[str, str]]]) -> Iter
         }
         if len(set(values.values())) > 1:
             each = "; ".join(f"{name}: {value or 'the default'}" for name, value in values.items())
-            yield f"The sets were read with different assumptions about {kind} ({each})."
+            yield f"The sets were read with different assumptions about {kind!r} ({each})."

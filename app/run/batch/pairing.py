@@ -18,7 +18,7 @@ from model.formats.parameters import files_with_motion_names
 
 GENERATED, RECORDED = "res_", "gt_"
 """File name prefixes of results and of recordings, by EMAGE's code and its successors."""
-OUTPUT = "_output"
+EMAGE_OUTPUT_SUFFIX = "_output"
 """File name suffix of results of its newer code."""
 _SAMPLE = re.compile(
     r"^(?P<clip>.+?)(?:[_.-](?:sample|seed|run)[_-]?|\.s)(?P<sample>\d{1,4})$", re.I
@@ -44,8 +44,7 @@ def pair_files(
 
     Args:
         folders: folder and suffixes of each set.
-        recorded: sets of which the ``gt_`` files are used, if there are others; they have no
-            samples.
+        recorded: sets whose ``gt_`` files are used, if there are others; they have no samples.
 
     Raises:
         RunError: if two files have the same name.
@@ -124,7 +123,7 @@ def is_hidden(path: PurePath) -> bool:
 
 def _read(path: Path, inside: Path) -> _PairedFile:
     stem = inside.stem.removeprefix(GENERATED).removeprefix(RECORDED)
-    stem = stem.removesuffix(OUTPUT) or stem
+    stem = stem.removesuffix(EMAGE_OUTPUT_SUFFIX) or stem
     folders = [safe_file_stem(part) for part in inside.parent.parts]
     if named := _SAMPLE.match(stem):
         return _PairedFile(path, (*folders, safe_file_stem(named["clip"])), named["sample"])

@@ -160,7 +160,7 @@ class PublishedMetrics:
     def rows(self, systems: Sequence[str]) -> Iterator[tuple[Any, ...]]:
         """Yield table rows (`app.run.batch.table.HEADER`) of values and paired differences."""
         for protocol, record in PROTOCOLS.items():
-            if record.is_measured_elsewhere:
+            if record.is_own_metric:
                 continue
             values = {name: self.value_and_draws(protocol, name) for name in systems}
             for key, unit in (record.value_units or {}).items():
@@ -203,8 +203,7 @@ def protocol_comparison_lines(
 
     Args:
         values: values by system, protocol, name and variation.
-        expected: values that papers report; their metrics are also listed if only one protocol
-            measured them.
+        expected: values in papers; their metrics are also listed if only one protocol has them.
 
     Returns:
         Lines of Markdown; none if there is nothing to compare.

@@ -14,7 +14,7 @@ from app.run.callbacks import RunCallbacks
 from app.run.output.run_folder import (
     MAX_RUN_BYTES,
     NO_RUN,
-    READABLE_TABLES,
+    READABLE_BATCH_TABLES,
     RUN,
     existing_file,
     files_of_run,
@@ -23,9 +23,9 @@ from app.run.output.run_folder import (
     read_run,
     row_files,
 )
-from app.run.output.viewer_files import check_and_complete_viewer_files
+from app.run.output.viewer_files import check_and_normalise_viewer_files
 from app.run.requests.convert import replace_fields
-from app.run.requests.parts import MAX_CLIPS, MAX_COMPARED
+from app.run.requests.parts import MAX_COMPARED, MAX_PAGE_CLIPS
 from app.run.requests.requests import AnyRun, DiagnoseRequest, requested_systems
 from app.run.upload_check import checked_total_s
 from conventions.names import REFERENCE_NAME, printable
@@ -36,7 +36,7 @@ LIMITS = UnpackBudget(max_files=2_000, max_total_bytes=10**9, min_free_bytes=10*
 ENDINGS = (".json", ".npz", ".wav")
 ALL_ENDINGS = (*ENDINGS, ".frames", ".csv", ".md", ".tex", ".png", ".svg", ".pdf", ".mp4", ".jpg")
 """Suffixes of all files of a run, including those that are only viewed."""
-OPENED = "opened"
+UNPACKED_ZIP_FOLDER = "opened"
 """Folder next to the results in which a visitor's archive is unpacked during the run."""
 RUN_ENDING = Path(RUN).suffix
 SPEECH_FOLDER = "form"
@@ -57,7 +57,7 @@ def run_page_request(request: AnyRun, callbacks: RunCallbacks) -> None:
     pool = JobPool(1)
     if isinstance(request, DiagnoseRequest):
         if is_saved_run_zip(request.motions.motions):
-            requests = {**reopen_requests(request, out.with_name(OPENED))}
+            requests = {**reopen_requests(request, out.with_name(UNPACKED_ZIP_FOLDER))}
     elif speech == out.with_name(SPEECH_FOLDER):
         requests = {**clip_requests(request)}
         paths = [each.speech.path for each in requests.values() if each.speech.path]
@@ -128,7 +128,7 @@ def open_run_folder(
 
 def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackBudget) -> None:
     """Unpack each ``run.json`` of a zip, and then the files that they name."""
-    most = min(limits.max_total_bytes, MAX_CLIPS * MAX_RUN_BYTES)
+    most = min(limits.max_total_bytes, MAX_PAGE_CLIPS * MAX_RUN_BYTES)
     unpack_archive(path, into, (RUN_ENDING,), replace(limits, max_total_bytes=most), _is_run)
     names: set[str] = set()
     for run in into.rglob(RUN):
@@ -136,7 +136,9 @@ def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackB
         of_rows = [name for row in record.rows for name in row.files.values()]
         own = filter(None, (*record.all_files, *of_rows, record.audio, record.timeline))
         names.update((below / name).as_posix() for name in own if name != RUN)
-        names.update((below.parent / name).as_posix() for name in READABLE_TABLES if below.parts)
+        names.update(
+            (below.parent / name).as_posix() for name in READABLE_BATCH_TABLES if below.parts
+        )
     unpack_archive(path, into, endings, replace(limits), names.__contains__)
 
 
@@ -154,5 +156,5 @@ def copy_run(path: Path, into: Path) -> Path:
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, copy)
     for run in find_runs(into / "results").values():
-        check_and_complete_viewer_files(run)
+        check_and_normalise_viewer_files(run)
     return into / "results"

@@ -48,7 +48,7 @@ class BatchResult:
     """Verdict over all clips."""
 
 
-def is_batch_input(speech: Path) -> bool:
+def is_speech_folder_or_list(speech: Path) -> bool:
     """Check whether a path is a folder or list of several speeches."""
     return speech.is_dir() or speech.suffix.lower() == LIST_ENDING
 
@@ -62,7 +62,7 @@ def clip_requests(request: GenerateRequest) -> dict[str, GenerateRequest]:
     request.check()
     if request.imports.reference is not None or request.speech.transcript is not None:
         raise RunError(
-            "A reference or a transcript belongs to a single speech and cannot be used with "
+            "A reference or a transcript belongs to a single recording and cannot be used with "
             "several; remove it. To compare with recorded motion, use `python -m app diagnose`."
         )
     speeches = find_speech_files(request.speech.path)
@@ -196,8 +196,8 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
         return {}
     if not folder.is_dir():
         raise RunError(
-            f"{folder} is not a folder; for several speeches, give a folder of plans with the "
-            f"names of the speech files ({', '.join(PLAN_ENDINGS)})."
+            f"{folder} is not a folder; for several speeches, give a folder of plans named "
+            f"like the speech files ({', '.join(PLAN_ENDINGS)})."
         )
     endings = tuple(ending.lower() for ending in PLAN_ENDINGS)
     plans = {

@@ -1,8 +1,7 @@
 """Check of sets against the rules of the GENEA leaderboard: clips, formats, lengths, samples.
 
 The leaderboard requires motion of every recording of BEAT2's English test set, as SMPL-X parameters
-like BEAT2's, with the length of the recording, and five samples of each from a probabilistic
-system.
+like BEAT2's, with the recording's length, and five samples of each from a probabilistic system.
 """
 
 from __future__ import annotations
@@ -44,14 +43,14 @@ def check_sets(
 ) -> dict[str, SubmissionReport]:
     """Check sets against the leaderboard's rules, write ``check.md``, and return results by set.
 
-    The reference is the recorded test clips, as a folder or an archive, or BEAT2's folder with its
-    test split. Raises RunError without it, and for anything that is not a set, or a hostile
-    archive.
+    The reference is the recorded test clips, as a folder or archive, or BEAT2's folder with its
+    test split. Raises RunError without it, for anything that is not a set, or a hostile archive.
     """
     if reference is None:
         raise RunError(
-            "--check genea compares names and lengths with the recorded test clips; also give "
-            "these (--reference FOLDER: BEAT2's folder, or one with only the test clips)."
+            "--check genea compares your clips' names and lengths with the recorded test clips; "
+            "give those as well (--reference FOLDER: BEAT2's folder, or one with only the test "
+            "clips)."
         )
     sets = [(path, ENDINGS) for path in (*folders, reference)]
     with ResultFolder(out) as results:
@@ -62,7 +61,10 @@ def check_sets(
             raise RunError("Two sets have the same name, or one is called 'reference'; rename one.")
         for folder in (*named.values(), recorded):
             if not folder.is_dir():
-                raise RunError(f"--check needs a folder or archive of a whole set; not {folder}.")
+                raise RunError(
+                    f"--check needs a folder or archive of all clips of a system; {folder} is "
+                    "neither."
+                )
         checks = {name: _checked(name, folder, recorded) for name, folder in named.items()}
         lines = ["# Check against the rules of the GENEA leaderboard", ""]
         for each in checks.values():

@@ -1,7 +1,6 @@
 """Tables of metrics over many clips, with intervals over clips, and the figure of distributions.
 
-Intervals show how the mean would vary with other clips of the same kind, not with other seeds or
-speakers.
+Intervals show how the mean would vary with other similar clips, not with other seeds or speakers.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from app.findings import metric_table
 from app.findings.comparison import format_finding_kinds
 from app.findings.metric_table import JERK, METRICS, TITLES, Metric
 from app.findings.verdict import MIN_CLIPS_FOR_CLAIM
-from app.run.output.run_folder import TABLES
+from app.run.output.run_folder import BATCH_TABLES
 from conventions.names import REFERENCE_NAME
 from model.metrics.protocols.table import WORKBENCH, protocol_of
 from model.storage.escaping import csv_text, escape_latex, escape_markdown
@@ -29,12 +28,12 @@ if TYPE_CHECKING:
 
 NUM_WORST = 10
 """Maximum number of worst clips of a system that are listed."""
-Cells = dict[str, list[str]]
+CellsByMetric = dict[str, list[str]]
 """Table cells of all systems by metric."""
 ClipsBySystem = dict[str, list[tuple[str, dict[str, Any]]]]
 """Clips with their records by system."""
 Row = tuple[Any, ...]
-OTHER_PROTOCOLS = f"Rows that name no protocol use {WORKBENCH}."
+OTHER_PROTOCOLS = f"Rows that name no protocol follow this program's own, {WORKBENCH}."
 HEADER = (
     *("measure", "unit", "system", "clips", "mean", "low", "high"),
     *("difference_to", "difference", "difference_low", "difference_high", "protocol"),
@@ -133,7 +132,7 @@ def write_tables(
     }
     for name, content in contents.items():
         (out / name).write_text(content, "utf-8", newline="")
-    return tuple(out / name for name in TABLES), results
+    return tuple(out / name for name in BATCH_TABLES), results
 
 
 def _clip_rows(
@@ -226,7 +225,7 @@ def _spread_lines(of_systems: ClipsBySystem) -> list[str]:
     return ["", title, "", *_grid(("measure", *spreads), rows)] if spreads else []
 
 
-def _latex(systems: list[str], clips: int, means: Cells) -> str:
+def _latex(systems: list[str], clips: int, means: CellsByMetric) -> str:
     lines = [
         "% Needs \\usepackage{booktabs}. Means with 95 % bootstrap intervals over "
         f"{clips} clips. {OTHER_PROTOCOLS} {star_legend(systems, clips)}",
@@ -273,12 +272,12 @@ def _rows(of_systems: ClipsBySystem, speeds: BeatSpeedSource) -> Iterator[Row]:
                     )
 
 
-def format_cells(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
+def format_cells(systems: list[str], rows: list[dict[str, Any]]) -> CellsByMetric:
     """Format means with their intervals, and stars as explained by `star_legend`.
 
     Values of different protocols are never in one row; the title names all but the workbench's own.
     """
-    cells_by_title: Cells = {}
+    cells_by_title: CellsByMetric = {}
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["measure"], row["protocol"]), []).append(row)
@@ -311,7 +310,7 @@ def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:
     return f"{text}{'*' if star else ''}"
 
 
-def _sheet(systems: list[str], results: Mapping[str, Any], means: Cells) -> list[str]:
+def _sheet(systems: list[str], results: Mapping[str, Any], means: CellsByMetric) -> list[str]:
     findings = results["clips_with_finding"]
     out = [f"{clip} was left out: {why}" for clip, why in results["left_out"].items()]
     noted = [f"- {escape_markdown(note)}" for note in (*results["notes"], *out)]
@@ -322,7 +321,7 @@ def _sheet(systems: list[str], results: Mapping[str, Any], means: Cells) -> list
         *([""] if noted else []),
         "Mean over clips [95 % bootstrap interval over clips] of unfiltered motion."
         f" {escape_markdown(star_legend(systems, len(results['clips'])))} {OTHER_PROTOCOLS}"
-        " Differences of all pairs are in `batch.csv`.",
+        " Differences between all pairs of systems are in `batch.csv`.",
         "",
         *_grid(("measure", *systems), ((title, *cells) for title, cells in means.items())),
     ]
@@ -336,7 +335,7 @@ def _sheet(systems: list[str], results: Mapping[str, Any], means: Cells) -> list
     return lines
 
 
-LEAST_CLIPS = 5
+MIN_CLIPS_FOR_DISTRIBUTION = 5
 """Minimum number of clips of a distribution figure."""
 
 
@@ -347,7 +346,7 @@ def draw_distribution_figure(
 
     ``numbers`` are values of the records of `write_tables`.
     """
-    if len(numbers) < LEAST_CLIPS:
+    if len(numbers) < MIN_CLIPS_FOR_DISTRIBUTION:
         return (), []
     from pandas import DataFrame
 
@@ -371,7 +370,8 @@ def draw_distribution_figure(
     if values.empty:
         return (), []
     draw = partial(draw_cumulative_distributions, values, shown, REFERENCE_NAME)
-    sentence = f"Metrics by protocol {WORKBENCH}, BeatAlign by {protocol_of('beat_align', speeds)}."
+    beat_protocol = protocol_of("beat_align", speeds)
+    sentence = f"Metrics follow protocol {WORKBENCH}; BeatAlign follows {beat_protocol}."
     files = save_figure(draw, out / "distributions", f"{DISTRIBUTIONS_CAPTION} {sentence}")
     if not left_out:
         return tuple(files), []

@@ -37,8 +37,7 @@ def compare_rotation_noise(
 ) -> None:
     """Add noise to two copies of a motion, and show both, with a video if requested.
 
-    Raises Cancelled, and RunError, MotionError, BodyError, GLError, VideoError, each with one
-    sentence.
+    Raises Cancelled, RunError, MotionError, BodyError, GLError or VideoError.
     """
     request.check()
     motion = request.motion
@@ -128,6 +127,6 @@ def _growth_sentences(growth: ErrorGrowth, noise_rad: float) -> Iterator[str]:
         f"{jerk['global']:.0f} m/s³ on global ones and {jerk['clean']:.0f} m/s³ without noise."
     )
     yield (
-        "Equal noise is an assumption. The errors of a trained network in local and in global "
-        "rotations have to be measured."
+        "This assumes equal noise on local and on global rotations; whether a trained network "
+        "makes equal errors in both is not tested here."
     )

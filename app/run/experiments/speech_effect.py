@@ -30,8 +30,8 @@ from model.metrics.protocols.table import WORKBENCH
 from model.metrics.speech_effect import (
     Grid,
     SharedInputCorrelations,
-    arm_angular_speed_sum_deg_s,
     arm_rotation_correlation_same_noise,
+    smoothed_arm_speed_sum_deg_s,
     speech_and_noise_shares,
 )
 from model.motion.motion import Motion, load_motion, save_motion
@@ -40,7 +40,7 @@ from processes.job import Job
 from renderer.figures.curves import SPEECH_EFFECT_CAPTION, SpeechEffectRow
 from renderer.figures.style import MAX_SYSTEMS
 
-MAX_SPEECH_S = 60.0
+USED_SPEECH_S = 60.0
 """Part of each speech that is used (s)."""
 _NAMED = re.compile(r"(?:(?P<system>.+?)__)?(?P<speech>.+?)__(?P<seed>\d{1,9})\.npz")
 _COLUMNS = (
@@ -65,9 +65,8 @@ def measure_speech_effect(
 ) -> None:
     """Generate each speech with each seed, or read a folder of motions, and compare the motions.
 
-    The motions, the metrics, the figure, and sentences as notes are written. Raises Cancelled, and
-    RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError, each with one
-    sentence.
+    The motions, metrics, figure, and sentences as notes are written. Raises Cancelled, or with one
+    sentence RunError, SpeechError, MotionError, UnknownNameError, CheckpointError or WriteError.
     """
     request.check()
     record = RunRecord(
@@ -83,7 +82,7 @@ def measure_speech_effect(
         else:
             speeches = {
                 safe_file_stem(path.stem): load_first_seconds(
-                    path, MAX_SPEECH_S, request.max_speech_s
+                    path, USED_SPEECH_S, request.max_speech_s
                 )
                 for path in request.inputs
             }
@@ -269,7 +268,7 @@ def _draw_speech_effect(
         SpeechEffectRow(
             system,
             {
-                key: arm_angular_speed_sum_deg_s(motion)
+                key: smoothed_arm_speed_sum_deg_s(motion)
                 for key, motion in of_system[system].by_speech.items()
             },
             {

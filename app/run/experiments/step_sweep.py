@@ -50,8 +50,7 @@ class StepPoint:
 def measure_step_sweep(request: StepSweepRequest, callbacks: RunCallbacks = NO_CALLBACKS) -> None:
     """Generate with each system and number of steps; write the table, the plot, and notes.
 
-    Raises Cancelled, and RunError, SpeechError, UnknownNameError, CheckpointError, WriteError, each
-    with one sentence.
+    Raises Cancelled, RunError, SpeechError, UnknownNameError, CheckpointError or WriteError.
     """
     request.check()
     speech = load_first_seconds(request.speech, MAX_S, request.max_speech_s)

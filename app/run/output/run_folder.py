@@ -15,10 +15,10 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from typing_extensions import TypedDict
 
 from app.errors import RunError
-from app.findings.metric_table import convert_old_titles
+from app.findings.metric_table import old_titles_to_keys
 from app.run.output.result_folder import zip_files
 from app.run.requests.convert import nested_fields
-from app.run.requests.parts import MAX_CLIPS
+from app.run.requests.parts import MAX_PAGE_CLIPS
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest
 from conventions.colors import colors_of
 from conventions.joints import BodyPart
@@ -37,11 +37,11 @@ from model.storage.json_validation import InvalidJsonError, read_json, rename_ke
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
 BATCH = "batch.json"
-TABLES = "batch.csv", BATCH, "clips.csv", "summary.md", "table.tex"
+BATCH_TABLES = "batch.csv", BATCH, "clips.csv", "summary.md", "table.tex"
 """Tables over several clips, next to the folders of their runs."""
 FORMER_BATCH = "many.json"
-READABLE_TABLES = (*TABLES, "many.csv", FORMER_BATCH, "sheet.md")
-"""`TABLES`, and the former names of three of them."""
+READABLE_BATCH_TABLES = (*BATCH_TABLES, "many.csv", FORMER_BATCH, "sheet.md")
+"""`BATCH_TABLES`, and the former names of three of them."""
 VIEWER_FOLDERS = "viewer", "shown"
 """Folder of files that only the viewer uses, and its former name."""
 NO_RUN = (
@@ -66,11 +66,11 @@ _MAX_NAME_BYTES = 255
 def _stays_inside(name: str) -> str:
     folder, slash, own = name.rpartition("/")
     if slash and folder not in VIEWER_FOLDERS:
-        raise ValueError("it points to another folder")
+        raise ValueError("a file name in it points to another folder")
     if own in ("", ".", "..") or "\0" in own:
-        raise ValueError("it is not a file name")
+        raise ValueError("a file name in it is invalid")
     if len(own.encode()) > _MAX_NAME_BYTES:
-        raise ValueError(f"its name is longer than {_MAX_NAME_BYTES} bytes")
+        raise ValueError(f"a file name in it is longer than {_MAX_NAME_BYTES} bytes")
     return name
 
 
@@ -186,7 +186,7 @@ class Row(_Strict):
     ] = []
     """Interpretation of the motion's file, if it was imported."""
     source_suffix: Annotated[str, Field(pattern=_SUFFIX)] = ""
-    """Suffix of the imported file, see `safe_suffix`; empty for generated motion."""
+    """Suffix of the imported file, see `suffix_or_empty`; empty for generated motion."""
 
 
 class FindingRecord(_Strict):
@@ -257,7 +257,7 @@ class RunRecord(_Strict):
     """Metrics by motion, filter and key of the metric; missing ones were not computed."""
     notes: Annotated[list[Text], Field(max_length=MAX_FINDINGS)] = []
     files: Annotated[list[FileName], Field(max_length=MAX_FINDINGS)] = []
-    """Complete files."""
+    """Complete files, including those of rows."""
     pending_videos: Annotated[list[FileName], Field(max_length=MAX_FINDINGS)] = []
     """Videos that are rendered after the run and are not complete yet, nor in a zip saved
     meanwhile. They remain listed if the rendering is abandoned."""
@@ -323,7 +323,7 @@ class RunRecord(_Strict):
         return [RUN, *(name for name in self.files if "/" not in name)]
 
     @property
-    def has_motion(self) -> bool:
+    def is_playable(self) -> bool:
         """True if there is anything to play."""
         return any(row.files for row in self.rows)
 
@@ -335,7 +335,7 @@ def _numbers_by_key(numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Return metrics by motion and filter with keys in place of titles; others as they are."""
     return {
         name: {
-            version: convert_old_titles(values) if isinstance(values, dict) else values
+            version: old_titles_to_keys(values) if isinstance(values, dict) else values
             for version, values in of.items()
         }
         if isinstance(of, dict)
@@ -484,7 +484,7 @@ def files_of_run(folder: Path) -> list[Path]:
     """Return all files of a run, or of the runs of several clips; raises RunError without any."""
     runs = find_runs(folder) or {"": folder}
     named = [(run, name) for run in runs.values() for name in (RUN, *read_run(run).all_files)]
-    named += [(folder, name) for name in READABLE_TABLES if "" not in runs]
+    named += [(folder, name) for name in READABLE_BATCH_TABLES if "" not in runs]
     paths = (existing_file(*each) for each in named)
     return [path for path in paths if path is not None]
 
@@ -497,7 +497,7 @@ def is_run_zip(path: Path) -> bool:
     except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError):
         return False
     num_runs = sum(name.split("/")[-1] == RUN and name.count("/") <= 2 for name in names)
-    return 0 < num_runs <= MAX_CLIPS
+    return 0 < num_runs <= MAX_PAGE_CLIPS
 
 
 def truncate(text: str) -> str:
@@ -505,7 +505,7 @@ def truncate(text: str) -> str:
     return printable(text)[:MAX_TEXT]
 
 
-def safe_suffix(path: Path) -> str:
+def suffix_or_empty(path: Path) -> str:
     """Return the suffix of a file if it is plausible for a file type, otherwise ""."""
     ending = path.suffix.lower()
     return ending if re.fullmatch(_SUFFIX, ending) else ""

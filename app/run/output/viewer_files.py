@@ -120,11 +120,10 @@ def read_timeline(folder: Path, record: RunRecord) -> dict[str, Any]:
     return {} if path is None else {**_read(path, _TimelineFile).root}
 
 
-def check_and_complete_viewer_files(folder: Path) -> None:
+def check_and_normalise_viewer_files(folder: Path) -> None:
     """Check the viewer's files of a run from elsewhere, and complete its gesture plans.
 
-    The viewer needs every list of a plan, and a plan's file may lack empty ones. Raises RunError if
-    one is damaged.
+    Plan files may lack empty lists, which the viewer needs. Raises RunError if a file is damaged.
     """
     record = read_run(folder)
     read_timeline(folder, record)

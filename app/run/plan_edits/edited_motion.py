@@ -29,7 +29,7 @@ from app.run.output.run_folder import (
     read_run,
     viewer_file_name,
 )
-from app.run.plan_edits.edits import EditResult, PlanEditRequest, apply_edits, suggest_edits
+from app.run.plan_edits.edits import EditResult, PlanEditRequest, apply_edits, find_alternatives
 from app.run.requests.parts import SamplingOptions
 from app.run.run_writer import RunWriter
 from app.run.timeline import motion_curves, read_transcript_of_run
@@ -110,7 +110,7 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
         try:
             done = apply_edits(plan, request.edits, words)
         except PlanError as error:
-            offers = suggest_edits(plan, request.edits[-1], words)
+            offers = find_alternatives(plan, request.edits[-1], words)
             if len(request.edits) > 1 or not offers:
                 raise
             return EditResult(0, (str(error),), offers)

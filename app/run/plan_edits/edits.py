@@ -29,7 +29,7 @@ from model.plan.plan import (
 )
 from model.plan.style import LIMITS, StyleChange
 from model.speech.transcript import Word
-from model.storage.json_validation import validation_message
+from model.storage.json_validation import first_error_clause
 
 MAX_EDITS = 60
 """Maximum number of edits in one request."""
@@ -59,7 +59,7 @@ class Edit:
 
 
 @dataclass(frozen=True)
-class EditSuggestion:
+class AlternativeEdits:
     """Alternative to an edit that cannot be done."""
 
     label: str
@@ -100,7 +100,7 @@ class EditResult:
     """Number of the take; 0 if the row was only prepared."""
     notes: tuple[str, ...] = ()
     """Sentences on corrections, or on why the edit was not done if there are alternatives."""
-    suggestions: tuple[EditSuggestion, ...] = ()
+    suggestions: tuple[AlternativeEdits, ...] = ()
 
 
 def parse_edits(message: object) -> tuple[Edit, ...]:
@@ -122,11 +122,10 @@ def apply_edits(plan: GesturePlan, edits: Sequence[Edit], words: Words) -> PlanR
     return done
 
 
-def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSuggestion, ...]:
+def find_alternatives(plan: GesturePlan, edit: Edit, words: Words) -> tuple[AlternativeEdits, ...]:
     """Return alternatives to an edit that has no time for its gesture; empty if it can be done.
 
-    They are the nearest free place, and the replacement of the gesture in the way, as far as each
-    is possible.
+    They are the nearest free place, and the replacement of the gesture in the way, where possible.
     """
 
     def can_be(*edits: Edit) -> bool:
@@ -151,14 +150,14 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSugg
             suggestion = next((each for each in moved if can_be(each)), None)
             if suggestion is not None:
                 suggestions.append(
-                    EditSuggestion(
+                    AlternativeEdits(
                         f"Nearest free time, {suggestion.values['at']:.1f} s", (suggestion,)
                     )
                 )
         if error.gesture is not None:
             one = {"side": error.gesture.side, "lands": error.gesture.stroke_end_s}
             gesture_kind = repr(error.kind.replace("_", " ")) if error.kind else "existing"
-            instead = EditSuggestion(
+            instead = AlternativeEdits(
                 f"Replace the {gesture_kind} gesture", (Edit("delete", one), edit)
             )
             suggestions += [instead] if can_be(*instead.edits) else []
@@ -168,7 +167,7 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSugg
     return ()
 
 
-def check_duration(plan: GesturePlan, duration_s: float) -> GesturePlan:
+def check_plan_matches_speech(plan: GesturePlan, duration_s: float) -> GesturePlan:
     """Return the plan if it has the length of the speech; raises PlanError otherwise."""
     if abs(plan.duration_s - duration_s) > 0.5:
         raise PlanError(
@@ -191,7 +190,7 @@ def _edit(message: object) -> Edit:
     try:
         values = kind.validator.validate_python({k: v for k, v in message.items() if k != "do"})
     except ValidationError as error:
-        raise RunError(f"The edit {do!r} cannot be read: {validation_message(error)}.") from error
+        raise RunError(f"The edit {do!r} cannot be read: {first_error_clause(error)}.") from error
     if do in ("move", "add") and ("at" in values) == ("word" in values):
         raise RunError(f"The edit {do!r} needs either a time or a word.")
     return Edit(do, values)
@@ -282,7 +281,7 @@ def _remove(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     events = getattr(plan, values["list"])
     nearest = min(events, key=off, default=None)
     if nearest is None or off(nearest) >= AT_S:
-        raise PlanError(f"The plan has no {values['list']} at {values['at']:.2f} s.")
+        raise PlanError(f"The plan's list {values['list']!r} has no event at {values['at']:.2f} s.")
     left = tuple(event for event in events if event is not nearest)
     return PlanResult(replace(plan, **{values["list"]: left}))
 
@@ -297,7 +296,7 @@ def _plan(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     name = f"plan{printable(Path(values['name']).suffix.lower())[:12]}"
     check_plan_suffix(Path(name))
     read = parse_plan(values["text"].encode("utf-8", "replace"), name)
-    return PlanResult(check_duration(read.plan, plan.duration_s), read.notes)
+    return PlanResult(check_plan_matches_speech(read.plan, plan.duration_s), read.notes)
 
 
 _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, get_type_hints
 from tyro.constructors import PrimitiveConstructorSpec
 
 from app.errors import RunError
-from app.flags import CheckboxValues
+from app.flags import CheckboxValuePair
 from app.run.requests.parts import LiveRecording
 from conventions.names import join_names, printable
 
@@ -68,7 +68,7 @@ class RequestField:
     """Field of a request or of one of its parts."""
 
     path: tuple[str, ...]
-    """Names of the parts that contain the field, from the outermost, and its own name."""
+    """Names of the enclosing parts, outermost first, then the field's own name."""
     type: Any
     """Type with its annotations."""
     default: Any
@@ -183,7 +183,7 @@ def _own_default(of: Field[Any]) -> Any:
     return of.default if of.default_factory is MISSING else of.default_factory()
 
 
-def parse_field(kind: type, name: str, value: object) -> Any:
+def parse_form_value(kind: type, name: str, value: object) -> Any:
     """Parse the form value of a request's field; text and check boxes are converted.
 
     Text is parsed as on the command line, a check box selects one of two values, and anything else
@@ -192,7 +192,7 @@ def parse_field(kind: type, name: str, value: object) -> Any:
     for mark in getattr(request_field(kind, name).type, "__metadata__", ()):
         if isinstance(value, str) and isinstance(mark, PrimitiveConstructorSpec):
             return mark.instance_from_str([value.strip()])
-        if isinstance(value, bool) and isinstance(mark, CheckboxValues):
+        if isinstance(value, bool) and isinstance(mark, CheckboxValuePair):
             return mark.checked if value else mark.unchecked
     return value
 

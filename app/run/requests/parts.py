@@ -12,7 +12,7 @@ from tyro.conf import Positional, Suppress, arg
 from app.config import BUNDLED_WEIGHTS, body_from_environment
 from app.errors import RunError
 from app.flags import (
-    CheckboxValues,
+    CheckboxValuePair,
     File,
     FileOrDefault,
     MinutesFlag,
@@ -43,7 +43,7 @@ DEFAULT_TRACKED_POINT = "right_middle"
 NUM_WORST_SECONDS = 6
 """Number of worst seconds marked in a timeline."""
 MAX_SAMPLES = 8
-MAX_CLIPS = 10
+MAX_PAGE_CLIPS = 10
 """Maximum number of clips in one run on the page."""
 MAX_STEPS = 1000
 MAX_GUIDANCE = 10
@@ -231,9 +231,9 @@ class SpeechInput:
     """Transcript: a TextGrid or subtitles with times, or plain English text (.txt), which is then
     aligned with the speech automatically. Its words are shown in the timeline, and
     `workbench/planned` chooses and times gestures by them; no metric uses them."""
-    word_source: Annotated[WordSource, CheckboxValues("recognise", "none"), arg(name="words")] = (
-        "none"
-    )
+    word_source: Annotated[
+        WordSource, CheckboxValuePair("recognise", "none"), arg(name="words")
+    ] = "none"
     """Recognise English words if there is no transcript. This takes about a fifth of the speech's
     duration on one core."""
 
@@ -270,7 +270,7 @@ class PlanSource(SpeechInput):
 class SamplingOptions:
     """Systems to run and their sampling options; all systems have the same noise seed."""
 
-    systems: Annotated[Names, arg(help=f"Systems to run, of {', '.join(_SYSTEMS)}.")] = ()
+    systems: Annotated[Names, arg(help=f"Systems to run, out of {', '.join(_SYSTEMS)}.")] = ()
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     speaker: Text = None
@@ -293,9 +293,8 @@ class SamplingOptions:
     guidance: GuidanceScale = None
     """Guidance scale of the speech (classifier-free guidance), 0 (speech ignored) to 10; 1 (as
     trained) is the value in the papers' code. It applies to systems that support guidance; for
-    `workbench/planned` it is the scale of the planner, and that of the motion generator is
-    fixed."""
-    post_filter: Annotated[PostFilter, CheckboxValues("savgol", "none")] = "none"
+    `workbench/planned` it is the planner's scale, and that of the motion generator is fixed."""
+    post_filter: Annotated[PostFilter, CheckboxValuePair("savgol", "none")] = "none"
     """Smooth the motion of every system. Metrics are computed for both raw and smoothed motion."""
 
     def check(self) -> None:
@@ -317,11 +316,10 @@ class PlanOptions:
 
     plan: FileOrDefault = None
     """Gesture plan for the systems that use plans, as written by a run or by `plan`, or annotated
-    in Praat or ELAN (.json, .TextGrid, .eaf). For several speeches, a folder of plans. By default,
-    plans are sampled from the speech."""
+    in Praat or ELAN (.json, .TextGrid, .eaf). For several speech files, a folder of plans. By
+    default, plans are sampled from the speech."""
     style: File = None
-    """Style file (.toml): gesture rate, size, height and speed, applied to every plan
-    (docs/plans.md)."""
+    """Style file (.toml): gesture rate, size, height and speed for every plan (docs/plans.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -349,8 +347,7 @@ class MotionInput:
     names: Suppress[tuple[str, ...]] = ()
     """Names of the motions; by default their file names."""
     generation_window_frames: Window = None
-    """Window length (frames) with which all motions except the reference were generated, if
-    known."""
+    """Window length (frames) with which all motions but the reference were generated, if known."""
     window_overlap_frames: Annotated[int, arg(name="overlap")] = 0
     """Overlap of these windows in frames."""
     visible: Annotated[Names, arg(name="show", help_behavior_hint="")] = ()
@@ -359,8 +356,7 @@ class MotionInput:
     max_total_frames: Suppress[int | None] = None
     """Maximum number of frames of all motions together, at 30 frames per second."""
     source_run: Suppress[Path | None] = None
-    """Folder of the run that the motions come from, if an existing run is opened and measured
-    again."""
+    """Folder of the run that the motions come from, if a run is opened and measured again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -371,8 +367,8 @@ class MetricOptions:
     """EMAGE's mean_vel_smplxflame_30.npy (BEAT2's "weights" folder): compute BeatAlign with its
     published joint speeds, for comparison with papers."""
     emage_weights: File = None
-    """EMAGE's AESKConv_240_100.bin, for FGD as papers on BEAT2 report it; for folders of motions
-    with --reference (docs/many-clips.md)."""
+    """EMAGE's AESKConv_240_100.bin, for FGD as papers on BEAT2 report it. Only for folders of
+    motions with --reference (docs/many-clips.md)."""
     genea_weights: Annotated[
         tuple[Path, ...],
         parsed_type(
@@ -383,7 +379,7 @@ class MetricOptions:
         ),
     ] = ()
     """GENEA's model_checkpoint_30, _60 and _90.bin, one or several, for FGD as its evaluations
-    report it; for folders of motions with --reference."""
+    report it. Only for folders of motions with --reference."""
     semantics: File = None
     """BEAT's labels of semantic relevance, for SRGR: one file of BEAT's "sem" folder; for folders
     of motions, that folder."""
@@ -393,7 +389,7 @@ class MetricOptions:
         arg(name="expect"),
     ] = ()
     """Values that a paper reports, such as fgd=4.2,beats/emage=.77. A table compares them
-    with the values of these motions by each protocol; for folders of motions
+    with the values of these motions under each protocol. Only for folders of motions
     (docs/evaluation.md)."""
     weights: Suppress[Path] = BUNDLED_WEIGHTS
     """Folder of the accent network, which marks prominent words in the timeline."""
@@ -406,8 +402,7 @@ class FigureOptions:
     start_frame: Annotated[int, arg(name="start")] = 0
     """Frame at which Figure 6 starts; it shows up to 300 frames (10 s)."""
     figure_panels: FigurePanels = tuple(FIGURE_PANELS)
-    """Panels of Figure 6: a for coordinates, b for snapshots, c for the path in space, d for
-    tremor."""
+    """Panels of Figure 6: coordinates (a), snapshots (b), path in space (c), tremor (d)."""
     figure_frames: FigureFrames = ()
     """Frames of the snapshots in Figure 6."""
     figure_width: Annotated[FigureWidth, arg(name="width")] = "174mm"
@@ -422,20 +417,19 @@ class VideoOptions:
 
     body: FileOrDefault = field(default_factory=body_from_environment)
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
-    open body."""
+    bundled body."""
     look: BodyLook = BODY_LOOKS[0]
     """Body shape and skin tone of the open body; licensed bodies and characters
     have one look only."""
     views: Views = ("front",)
     """Camera views of videos; the first is used for the comparison."""
     close_ups: CloseUps = ("hands",)
-    """Close-ups of face or hands next to the body, in videos of the first view and in the
-    comparison."""
+    """Close-ups of the face above or hands below the body, in the first view and the comparison."""
     framing: Framing = "knees"
     """Visible part of the body: the whole body, or enlarged from the knees up."""
     picture_height_px: Height = 512
-    """Height of one body's picture (pixels). The width equals it if the whole body is shown, and is
-    three quarters of it from the knees up. Each close-up adds half the width to the height."""
+    """Height of one body's picture (pixels). The width is the same for the whole body, and three
+    quarters of the height from the knees up. Each close-up adds half the width to the height."""
     display: Display = field(default_factory=Display)
     """Display options: trail, colour and exaggeration."""
 
@@ -465,8 +459,8 @@ class OutputOptions:
     title: Suppress[str] = ""
     """Title of the run; by default composed from its inputs."""
     is_incremental: Suppress[bool] = False
-    """Publish each file as soon as it is complete and keep it if the run fails. By default all
-    files are published at the end, or none."""
+    """Make each file available as soon as it is complete and keep it if the run fails. By default,
+    all files appear at the end, or none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -478,7 +472,7 @@ class MeasurementOutput(OutputOptions):
         arg(
             name="videos",
             help="Render a video, with close-ups and a trail, of each motion that the figures "
-            "show; all start at the origin.",
+            "show; all motions start at the origin.",
         ),
     ] = False
 
@@ -492,7 +486,7 @@ class ExperimentOutput:
     figure_formats: FigureFormats = FIGURE_FORMATS
     """File formats of the figure."""
     is_incremental: Suppress[bool] = False
-    """True to publish each file as soon as it is complete and keep it if the task fails."""
+    """True to make each file available as soon as it is complete and keep it if the task fails."""
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ class GenerateRequest(RunRequest):
     sampling: SamplingOptions = field(default_factory=SamplingOptions)
     planning: PlanOptions = field(default_factory=PlanOptions)
     live_recording: Suppress[LiveRecording | None] = None
-    """Recorded motion of the single system, used instead of generating it."""
+    """Motion of a live session with one system, used instead of generating motion."""
 
     def check(self) -> None:
         """Check everything that needs no open file; raises RunError."""
@@ -125,11 +125,9 @@ class PlanRequest:
     seed: int = 0
     """Seed of the noise."""
     guidance: GuidanceScale = None
-    """Guidance scale of the speech (classifier-free guidance), 0 (speech ignored) to 10; 1 is as
-    trained."""
+    """Guidance scale of the speech (classifier-free), 0 (speech ignored) to 10; 1 is as trained."""
     style: File = None
-    """Style file (.toml): gesture rate, size, height and speed, applied to the plan
-    (docs/plans.md)."""
+    """Style file (.toml): gesture rate, size, height and speed for the plan (docs/plans.md)."""
     import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
     writes_empty_plan: Annotated[bool, arg(name="empty")] = False
     """Write an empty plan with its tiers, to be annotated by hand."""
@@ -167,7 +165,7 @@ class StillOptions:
     ] = None
     """Write a contact sheet (.png) with every N-th frame and its time."""
     mesh_frame: Annotated[int, arg(name="frame")] = 0
-    """Frame of a .obj or .ply file, counted from 0."""
+    """Frame to write to a .obj or .ply file, counted from 0."""
     background: Background = "studio"
     """Background of pictures; transparent shows only the body and needs a .png."""
 
@@ -191,8 +189,7 @@ class RenderRequest:
         arg(metavar="MOTION", help="Motion file: BEAT2 npz, or any other supported format."),
     ]
     out: Path
-    """Output file; its suffix selects the format: .mp4, .png, .glb, .vrma, .bvh, .blender.npz,
-    .obj, .ply."""
+    """Output file with the suffix .mp4, .png, .glb, .vrma, .bvh, .blender.npz, .obj or .ply."""
     speech: File = None
     """Sound of the video."""
     import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
@@ -201,9 +198,8 @@ class RenderRequest:
     body and characters use."""
     tracked_point: TrackedPointName = DEFAULT_TRACKED_POINT
     plan: FileOrDefault = None
-    """Gesture plan, to write its events as markers into the .glb, .vrma or .blender.npz file, or
-    next to a .bvh as .markers.csv; by default the motion's .plan.json in the same folder, if there
-    is one."""
+    """Gesture plan, to write its events as markers into a .glb, .vrma or .blender.npz file, or next
+    to a .bvh as .markers.csv; by default the motion's .plan.json in the same folder, if any."""
     video: VideoOptions = field(
         default_factory=lambda: VideoOptions(close_ups=(), framing="whole", picture_height_px=720)
     )
@@ -262,7 +258,7 @@ class RenderRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FigureRequest:
+class Figure6Request:
     """Request to draw Figure 6 of a finished run again, with other panels, frames or width."""
 
     run: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a run.")]
@@ -271,7 +267,7 @@ class FigureRequest:
     figures: FigureOptions = field(default_factory=FigureOptions)
     body: FileOrDefault = field(default_factory=body_from_environment)
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
-    open body."""
+    bundled body."""
 
 
 MAX_SPEECHES, MAX_SEEDS = 8, 8
@@ -298,8 +294,7 @@ class SpeechEffectRequest:
     speaker: Text = None
     """Speaker style of the motion."""
     guidance: GuidanceScale = None
-    """Guidance scale of the speech (classifier-free guidance), 0 (speech ignored) to 10; 1 is as
-    trained."""
+    """Guidance scale of the speech (classifier-free), 0 (speech ignored) to 10; 1 is as trained."""
     num_seeds: Annotated[int, arg(name="seeds")] = 2
     """Number of noise seeds, starting from 0."""
     speakers: TwoSpeakers = None
@@ -363,7 +358,7 @@ class RotationNoiseRequest:
     tracked_point: TrackedPointName = DEFAULT_TRACKED_POINT
     body: FileOrDefault = field(default_factory=body_from_environment)
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
-    open body."""
+    bundled body."""
     picture_height_px: Height = 512
     """Height of one body's picture (pixels)."""
     noise_rad: Annotated[float, arg(name="noise", metavar="RAD")] = 0.02
@@ -458,7 +453,7 @@ class ViewerVideoRequest:
     speech: Path | None = None
     """Sound of the video."""
     body: Path | None = None
-    """Licensed SMPL-X file; None is the open body."""
+    """Licensed SMPL-X file; None for the open body."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from app.errors import RunError
-from app.run.bodies import PointTracker, align_and_cut_motions, body_motion, make_point_tracker
+from app.run.bodies import PointTracker, align_and_cap_lengths, body_motion, make_point_tracker
 from app.run.callbacks import FolderUpdated, RunCallbacks
 from app.run.display import FULL_SPEED_M_S, Display
 from app.run.models import get_body
@@ -283,7 +283,7 @@ def _by_frame(values: Float[np.ndarray, " N *C"], num_frames: int) -> np.ndarray
     return values[np.clip(np.arange(num_frames) - before, 0, len(values) - 1)]
 
 
-AROUND_FRAMES = 8
+MEAN_JERK_RADIUS_FRAMES = 8
 """Half-width (frames) of the mean of jerk around a snapshot; the jerk of single frames is noise."""
 LEAST_FULL_SCALE = 500.0
 """Minimum of the colour scale (m/s³). Recorded speakers reach this with a hand in quick gestures,
@@ -318,7 +318,7 @@ def _jerk_around(body: Body, motion: BodyMotion, frames: Sequence[int]) -> np.nd
     """Compute the mean jerk (N, J) in m/s³ of joints around frames; 0 in a clip under 4 frames."""
     values = []
     for frame in frames:
-        near = slice(max(0, frame - AROUND_FRAMES), frame + AROUND_FRAMES + 1)
+        near = slice(max(0, frame - MEAN_JERK_RADIUS_FRAMES), frame + MEAN_JERK_RADIUS_FRAMES + 1)
         jerk = derivative_magnitudes(body.joint_positions(select_frames(motion, near)), 3)
         values.append(jerk.mean(axis=0) if len(jerk) else np.zeros(jerk.shape[1]))
     return np.stack(values)
@@ -403,7 +403,7 @@ def draw_run_videos(request: RunVideosRequest, callbacks: RunCallbacks) -> None:
     body = get_body(video.body, video.look)
     with ResultFolder(request.out) as folder:
         render_row_videos(
-            align_and_cut_motions(motions)[0],
+            align_and_cap_lengths(motions)[0],
             video,
             body,
             make_point_tracker(video.body, record.tracked_point),

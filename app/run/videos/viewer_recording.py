@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import RunError
-from app.run.bodies import MAX_FRAMES, align_to_origin, body_motion, make_point_tracker
+from app.run.bodies import MAX_FRAMES, align_average_to_origin, body_motion, make_point_tracker
 from app.run.callbacks import RunCallbacks
 from app.run.display import ViewerPanel, ViewerState
 from app.run.models import get_body
@@ -46,12 +46,11 @@ _FINE_CRF = 14
 def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> ViewerVideo:
     """Render a video of the viewer.
 
-    Raises Cancelled, and RunError, MotionError, BodyError, GLError, VideoError, each with one
-    sentence.
+    Raises Cancelled, RunError, MotionError, BodyError, GLError or VideoError.
     """
     viewer = request.viewer
     callbacks.progress_callback("video")(0.0)
-    motions = [align_to_origin(load_motion(path)) for path in request.motions]
+    motions = [align_average_to_origin(load_motion(path)) for path in request.motions]
     longest, notes = _longest(motions, viewer)
     motions = [motion.part(slice(longest)) for motion in motions]
     visible = {str(i): motions[number] for i, number in enumerate(viewer.visible)}

@@ -93,7 +93,7 @@ def stimulus_ids(key: StudyKey) -> dict[Stimulus, str]:
     }
 
 
-def order_p_value(scenes: Sequence[Mapping[str, float]]) -> float:
+def agreement_p_value(scenes: Sequence[Mapping[str, float]]) -> float:
     """Compute the probability under chance of orders that agree over scenes as much as these.
 
     The statistic is Friedman's: the sum over systems of their squared rank totals. Up to `_DRAWS`
@@ -144,7 +144,7 @@ def value_leaks(values: Mapping[Stimulus, float], noun: str) -> list[str]:
         scenes: dict[object, dict[str, float]] = {}
         for stimulus, value in values.items():
             scenes.setdefault(scene_of(stimulus), {})[label_of(stimulus)] = value
-        chance = order_p_value([scene for scene in scenes.values() if len(scene) > 1])
+        chance = agreement_p_value([scene for scene in scenes.values() if len(scene) > 1])
         if chance < SIGNIFICANCE_LEVEL:
             tells.append(f"{noun}: sorting the videos by {noun} {way} (p = {chance:.2g})")
     return tells

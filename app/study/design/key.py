@@ -124,8 +124,7 @@ class StudyKey:
     panel_id_names: Annotated[
         tuple[PanelName, ...], Field(max_length=MAX_PANEL_IDS, alias="panel_ids")
     ] = ()
-    """Names of the ids that the page copies from its address into the answers, the participant's
-    first."""
+    """Names of ids that the page copies from its address into answers, the participant's first."""
     link_secret: Text | None = None
     """Secret that signs participants' links; None if answers need no links."""
     inputs_digest: Annotated[Text | None, Field(alias="made_of")] = None

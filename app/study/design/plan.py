@@ -167,8 +167,7 @@ class Condition:
         if values.get("motion") is not None:
             for other in sorted(set(values) - {"name", "motion"}):
                 raise ValueError(
-                    f"the motion of {name!r} comes from files (`motion`), so it cannot have "
-                    f"`{other}`"
+                    f"the system {name!r} has motion files (`motion`), so it cannot have `{other}`"
                 )
             return values
         system = values.get("system", name)
@@ -239,8 +238,7 @@ class StudyPlan:
     id first: PROLIFIC_PID, STUDY_ID and SESSION_ID of Prolific. No others are copied."""
     post_to: PageUrl | None = None
     return_to: PageUrl | None = None
-    """URL to which participants return at the end: the completion link of Prolific, SONA or the
-    like."""
+    """URL to which participants return at the end, such as Prolific's or SONA's completion link."""
 
     @property
     def has_sound(self) -> bool:
@@ -267,8 +265,8 @@ class StudyPlan:
         for clip in self.clips if self.has_sound or made else ():
             if clip.speech is None:
                 raise ValueError(
-                    f"the clip {clip.name!r} has no `speech`, which only a pairwise study of "
-                    "motion files may omit"
+                    f"the clip {clip.name!r} has no `speech`, which may be omitted only in a "
+                    "pairwise study whose systems all have motion files"
                 )
         for one, other in itertools.combinations(made, 2):
             if all(getattr(one, f.name) == getattr(other, f.name) for f in fields(one)[1:]):

@@ -94,8 +94,7 @@ def make_design(plan: StudyPlan) -> Design:
 def _num_checks(plan: StudyPlan, count: int) -> int:
     """Return the number of attention checks among ``count`` trials.
 
-    More than one in ten pages would teach participants to look for them. Raises RunError if the
-    plan sets more.
+    More than one in ten pages would make people expect them. Raises RunError if the plan sets more.
     """
     most = max(1, count // (PAGES_PER_CHECK - 1))
     num_checks = plan.attention_checks
@@ -168,8 +167,7 @@ def williams_square(size: int) -> list[list[int]]:
     """Return orders of ``size`` treatments, balanced for position and for direct succession.
 
     Over all rows each treatment stands equally often in each position and directly follows each
-    other one equally often (Williams 1949): ``size`` rows when it is even, twice as many when it is
-    odd.
+    other one equally often (Williams 1949): ``size`` rows if it is even, else twice as many.
     """
     zigzag = [(place + 1) // 2 if place % 2 else -(place // 2) for place in range(size)]
     rows = [[(start + step) % size for step in zigzag] for start in range(size)]

@@ -57,9 +57,7 @@ def templates() -> jinja2.Environment:
     return env
 
 
-def write_bundle_page(
-    plan: StudyPlan, design: Design, key: StudyKey, folders: ExportFolders
-) -> None:
+def finish_bundle(plan: StudyPlan, design: Design, key: StudyKey, folders: ExportFolders) -> None:
     """Write all files but the videos, then set the same time on all files, videos included."""
     for name, source in SHARED_FILES.items():
         folders.write(folders.bundle / name, source.read_bytes())

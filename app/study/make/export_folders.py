@@ -38,7 +38,7 @@ class ExportFolders:
         self.work = self.private / "unfinished"
 
     def prepare(self) -> None:
-        """Make the folders, or clear unfinished work of an earlier run; raises RunError."""
+        """Make the folders and clear unfinished work; raises RunError for another study's."""
         out = self.private.parent
         if out.exists() and not out.is_dir():
             raise RunError(f"{out} is a file; name a folder for the study.")

@@ -42,7 +42,7 @@ MIN_BIT_RATE = 100_000
 MAX_ENCODINGS = 4
 RATE_TOLERANCE = 0.004
 """Relative tolerance of the encoder's bit rate."""
-RATE_STEP = 0.01
+RATE_STEP_BETWEEN_VIDEOS = 0.01
 """Relative step between the rates of two videos of a scene, so that chance does not decide which is
 padded more; see `app.study.export`.
 """

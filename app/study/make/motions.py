@@ -13,7 +13,7 @@ import numpy as np
 from app.errors import RunError
 from app.run.bodies import body_motion
 from app.run.models import get_body, get_system
-from app.run.plan_edits.edits import check_duration
+from app.run.plan_edits.edits import check_plan_matches_speech
 from app.study.design.plan import Clip, Condition, StudyPlan
 from conventions.rates import FPS, SAMPLE_RATE
 from model.formats.read import read_any_motion
@@ -110,9 +110,9 @@ def _existing(path: Path, noun: str) -> Path:
 
 
 def _read_plan(system: Condition, clip: Clip, path: Path, duration_s: float) -> GesturePlan:
-    what = f"plan of {system.name!r} for clip {clip.name!r}"
+    what = f"gesture plan of {system.name!r} for clip {clip.name!r}"
     try:
-        return check_duration(read_plan_file(_existing(path, what)).plan, duration_s)
+        return check_plan_matches_speech(read_plan_file(_existing(path, what)).plan, duration_s)
     except PlanError as error:
         raise RunError(f"The {what}: {error}") from None
 

@@ -26,7 +26,7 @@ from model.storage import escaping
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 """Separator between a number and its unit."""
-MAX_SENTENCES = 200
+MAX_LISTED_EXCLUSIONS = 200
 """Most excluded files that are listed; the rest are counted."""
 BALANCED_WITHIN = 0.05
 """Largest distance of a side's share from one half that is called balanced."""
@@ -69,7 +69,7 @@ def templates() -> jinja2.Environment:
     )
     forms = (
         percent,
-        percent_interval,
+        format_interval_in_percent,
         format_number,
         format_interval,
         format_p,
@@ -85,7 +85,7 @@ def templates() -> jinja2.Environment:
         "drawn": _inline_figure,
         "interval": f"95{NO_BREAK}% interval",
         "min_clips": MIN_CLIPS,
-        "most": MAX_SENTENCES,
+        "most": MAX_LISTED_EXCLUSIONS,
         "none_there": "\N{EN DASH}",
         "prior_sd": f"{PRIOR_SD:g}",
         "resamples": RESAMPLES,
@@ -104,7 +104,7 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f}{NO_BREAK}%"
 
 
-def percent_interval(estimate: ResultEstimate) -> str:
+def format_interval_in_percent(estimate: ResultEstimate) -> str:
     """Format the interval of a share in percent."""
     _, low, high = estimate.value_and_limits
     return f"{100 * low:.0f} to {100 * high:.0f}{NO_BREAK}%"

@@ -45,18 +45,16 @@ class Answer:
     videos: Annotated[Ids, Field(validation_alias="shown")]
     """Blind ids from left to right."""
     value: Any
-    """Blind id or `TIE`; blind ids, best first; or ratings by blind id; anything in attention
-    checks."""
+    """Blind id or `TIE`; blind ids, best first; or ratings by id; anything in attention checks."""
     reasons: Ids = ()
     page_ms: Annotated[Count, Field(validation_alias="ms")] = 0
     """Time on the trial's page (ms)."""
-    num_complete_plays: Annotated[Count, Field(validation_alias="watched")] = 0
+    min_complete_plays: Annotated[Count, Field(validation_alias="watched")] = 0
     """Number of complete plays of the least played video."""
     is_strong: bool = False
     """True if the participant called the preference clear; false where that is not an option."""
     unplayable_video: Annotated[Text | None, Field(validation_alias="skipped")] = None
-    """Blind id of a video that the browser could not play, so that the page was skipped without a
-    value."""
+    """Blind id of a video that the browser could not play; its page was skipped without a value."""
 
 
 def _listed(values: Any) -> tuple[Any, ...]:
@@ -178,7 +176,7 @@ def _answer_error(answer: Answer, key: StudyKey, trials: Sequence[str]) -> str |
         return (
             None if answer.unplayable_video in answer.videos else "the skipped video was not shown"
         )
-    if answer.num_complete_plays < 1:
+    if answer.min_complete_plays < 1:
         return "a video was not watched to its end"
     return _fault_of_value(answer, key.question_by_id[answer.question])
 

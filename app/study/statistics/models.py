@@ -72,7 +72,7 @@ def percentile_limits(
     return limits
 
 
-def mean_limits(values: Float[np.ndarray, "R K"]) -> list[Limits]:
+def bootstrap_mean_limits(values: Float[np.ndarray, "R K"]) -> list[Limits]:
     """Compute the limits of the mean of each column over participants."""
     drawn = resample_counts(len(values)) @ values / len(values)
     return [(float(low), float(high)) for low, high in percentile_limits(drawn, len(values))]
@@ -110,8 +110,7 @@ def fit_strengths(
 ) -> StrengthFit:
     """Fit log-strengths to votes.
 
-    Votes implied by rankings have no sides. Split, a tie counts as half a win for each, as for Elo
-    ratings.
+    Votes from rankings have no sides. A split tie counts as half a win for each, as in Elo ratings.
     """
     sides = np.stack(
         [pd.Index(systems).get_indexer(votes[side].to_list()) for side in ("left", "right")]
@@ -179,7 +178,9 @@ def _maximum(
                 break
             step[falls] /= 2
         beta, height, log_shares = beta + step, new_height, new_log_shares
-    raise AssertionError("Newton's method did not converge, although the likelihood is concave.")
+    raise AssertionError(
+        "Newton's method did not converge, although the log-likelihood is concave."
+    )
 
 
 def _log_likelihood(
@@ -193,7 +194,7 @@ def _log_likelihood(
     return height - (beta**2).sum(1) / (2 * PRIOR_SD**2), log_shares
 
 
-def strength_estimates(
+def strengths_and_elo(
     votes: pd.DataFrame, systems: Sequence[str], has_sides: bool
 ) -> list[ResultEstimate]:
     """Compute log-strengths, their differences, tie parameter, left advantage and Elo ratings."""
@@ -233,7 +234,9 @@ def mean_estimates(
         return 0, []
     estimates = [
         ResultEstimate(measure, name, None, float(value), *limits)
-        for name, value, limits in zip(systems, means.mean(0), mean_limits(means), strict=True)
+        for name, value, limits in zip(
+            systems, means.mean(0), bootstrap_mean_limits(means), strict=True
+        )
     ]
     pairs = list(combinations(range(len(systems)), 2))
     gaps = (
@@ -243,7 +246,7 @@ def mean_estimates(
         ResultEstimate(
             f"{measure}_gap", systems[a], systems[b], float(gap.mean()), *limits, p=_paired_p(gap)
         )
-        for (a, b), gap, limits in zip(pairs, gaps.T, mean_limits(gaps), strict=True)
+        for (a, b), gap, limits in zip(pairs, gaps.T, bootstrap_mean_limits(gaps), strict=True)
     ]
     friedman = ResultEstimate("friedman", p=_friedman_p(means))
     return len(means), [*estimates, *with_holm(tested), friedman]

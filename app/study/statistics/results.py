@@ -15,7 +15,7 @@ import pandas as pd
 from app.errors import RunError
 from app.study.design.key import Question, StudyKey
 from app.study.statistics.answers import Participant
-from app.study.statistics.models import Level, alpha_estimate, mean_estimates, strength_estimates
+from app.study.statistics.models import Level, alpha_estimate, mean_estimates, strengths_and_elo
 from app.study.statistics.proportions import (
     ALPHA,
     ResultEstimate,
@@ -24,7 +24,7 @@ from app.study.statistics.proportions import (
     with_holm,
 )
 from app.study.statistics.votes import (
-    MISMATCHED,
+    MISMATCHED_SUFFIX,
     first_place_votes,
     rank_and_rating_table,
     swap_sides,
@@ -113,7 +113,7 @@ def _result(
     if is_matched:
         for name in systems:
             estimates += proportion_estimates(
-                "right_choices", votes_between(votes, name, name + MISMATCHED), name
+                "right_choices", votes_between(votes, name, name + MISMATCHED_SUFFIX), name
             )
     else:
         for pair in pairs:
@@ -126,7 +126,7 @@ def _result(
             measure = "first_places" if is_ranking else "share_of_all_votes"
             estimates += proportion_estimates(measure, rows, name, is_tested=False)
         if len(systems) > 1:
-            estimates += strength_estimates(votes, systems, has_sides=not is_ranking)
+            estimates += strengths_and_elo(votes, systems, has_sides=not is_ranking)
     num_of_means = 0
     if is_ranking or is_rating:
         measure = "mean_rank" if is_ranking else "mean_rating"
@@ -225,7 +225,7 @@ def smoother_chosen_estimates(
 class AnswerBalance:
     """Balance of the included answers without attention checks."""
 
-    by_system: pd.DataFrame
+    position_balance: pd.DataFrame
     """Columns by system: ``first``, share of its showings as the first video (leftmost; meaningless
     in matched trials, where every video is of one system), and ``place``, mean position of its
     trials on the list, 0 = first trial, 1 = last; 0.5 is balanced."""
@@ -249,7 +249,7 @@ def measure_answer_balance(participants: Sequence[Participant], key: StudyKey) -
     table = pd.DataFrame(rows, columns=["system", "first", "place"])
     used = Counter(participant.list_number for participant in participants)
     return AnswerBalance(
-        by_system=pd.DataFrame(table.groupby("system").mean()).reindex(key.systems).dropna(),
+        position_balance=pd.DataFrame(table.groupby("system").mean()).reindex(key.systems).dropna(),
         lists_used=len(used),
         lists_planned=len(key.lists),
         max_participants_per_list=max(used.values(), default=0),

@@ -1,7 +1,6 @@
 """Inclusion of participants: finished, attentive by the key's rule, and with plausible answers.
 
-Nothing here proves a forgery, and a careful one passes, so results are shown with and without the
-doubtful.
+This proves no forgery, and careful ones pass, so results are shown with and without the doubtful.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from app.study.design.key import ExpectedAnswer, StudyKey
 from app.study.statistics.answers import TIE, Answer, Participant, is_number
 from conventions.names import pluralise
 
-SHORTEST_VIDEO_S = 0.5
+FALLBACK_VIDEO_S = 0.5
 """Shortest video (s), used if the key does not have their duration."""
 TOLERANCE = 0.9
 """Factor on minimum times, as browsers' clocks are coarse."""
@@ -40,7 +39,7 @@ class ExcludedParticipant:
 
 @dataclass(frozen=True)
 class ScreeningResult:
-    """Included and excluded participants."""
+    """Participants in three disjoint groups: included, excluded and implausible."""
 
     included: tuple[Participant, ...]
     excluded: tuple[ExcludedParticipant, ...] = ()
@@ -52,9 +51,8 @@ class ScreeningResult:
 def screen(participants: Iterable[Participant], key: StudyKey) -> ScreeningResult:
     """Include plausible participants that finished and failed at most `StudyKey.max_failed` checks.
 
-    An unfinished list unbalances order and sides, and participants may leave because of what was
-    shown; so they are listed, not mixed in. A check that a finished participant did not answer is
-    failed.
+    An unfinished list unbalances order and sides, and participants may leave because of what they
+    saw; so they are listed, not mixed in. An unanswered check of a finished participant is failed.
     """
     included: list[Participant] = []
     excluded: list[ExcludedParticipant] = []
@@ -103,8 +101,7 @@ def _is_expected(value: object, expected: ExpectedAnswer, key: StudyKey) -> bool
 def _link_doubts(participants: Sequence[Participant], key: StudyKey) -> dict[str, str]:
     """Return by participant why the link is not valid.
 
-    If a link was used several times with different answers, none counts: its owner can write any
-    time.
+    If a link was used repeatedly with different answers, none counts: its owner can write any time.
     """
     reasons: dict[str, str] = {}
     used: dict[str, list[Participant]] = defaultdict(list)
@@ -160,7 +157,7 @@ def _implausibility(participant: Participant, key: StudyKey) -> str | None:
         if key.trials[one.trial].expected is None and one.unplayable_video is None
     ]
     spent = {one.trial: one.page_ms / 1000 for one in judged}
-    lasts = {one.trial: (key.video_s or SHORTEST_VIDEO_S) * len(one.videos) for one in judged}
+    lasts = {one.trial: (key.video_s or FALLBACK_VIDEO_S) * len(one.videos) for one in judged}
     hasty = sum(spent[trial] < TOLERANCE * lasts[trial] for trial in spent)
     if hasty > MAX_FAST_SHARE * len(spent):
         return f"{hasty} of {len(spent)} trials answered in less time than the videos last"

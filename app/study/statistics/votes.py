@@ -18,7 +18,7 @@ from app.errors import RunError
 from app.study.design.key import AttentionRule, Question, StudyKey, Trial, Video
 from app.study.statistics.answers import TIE, Answer, Participant
 
-MISMATCHED = "_Mismatched"
+MISMATCHED_SUFFIX = "_Mismatched"
 """Suffix of a system's name under another clip's speech."""
 SMOOTHNESS = "smoothness"
 """Id of the reason that measured jitter is compared with."""
@@ -84,10 +84,10 @@ def _judged(
 
 
 def _name(key: StudyKey, video: str) -> str:
-    """Return the system's name, in matched studies with `MISMATCHED` for other speech."""
+    """Return the system's name, in matched studies with `MISMATCHED_SUFFIX` for other speech."""
     condition = key.videos[video]
     is_other = key.protocol == "matched" and not condition.has_own_speech
-    return condition.system + MISMATCHED if is_other else condition.system
+    return condition.system + MISMATCHED_SUFFIX if is_other else condition.system
 
 
 def swap_sides(votes: pd.DataFrame, rows: pd.Series) -> pd.DataFrame:
@@ -152,15 +152,15 @@ def read_battles(path: Path) -> tuple[StudyKey, list[Participant]]:
 
 def _battles_read(table: pd.DataFrame, name: str) -> tuple[StudyKey, list[Participant]]:
     pairs = {tuple(pair) for pair in table[["model_a", "model_b"]].to_numpy()}
-    is_matched = all(a + MISMATCHED == b or b + MISMATCHED == a for a, b in pairs)
+    is_matched = all(a + MISMATCHED_SUFFIX == b or b + MISMATCHED_SUFFIX == a for a, b in pairs)
     question = Question("match" if is_matched else "realism", name, "choice")
     videos, trials = {}, {}
     answers: dict[str, list[Answer]] = {user: [] for user in table["user"]}
     for row in table.to_dict("records"):
         clip, pair = row["input_code"], []
         for model in (row["model_a"], row["model_b"]):
-            is_other = is_matched and model.endswith(MISMATCHED)
-            system = model.removesuffix(MISMATCHED) if is_other else model
+            is_other = is_matched and model.endswith(MISMATCHED_SUFFIX)
+            system = model.removesuffix(MISMATCHED_SUFFIX) if is_other else model
             speech = ("another" if is_other else clip) if is_matched else None
             videos[f"{clip}/{model}"] = Video(system, clip, speech, "front", "unknown")
             pair.append(f"{clip}/{model}")

@@ -30,9 +30,9 @@ _SAMPLES_A_FRAME = SAMPLE_RATE / FPS
 class BeatAlignVariant:
     """Variant of BeatAlign; its call computes the sums of a clip."""
 
-    threshold: float
+    threshold_over_mean_speed: float
     """Least speed of a beat, in mean speeds of the joint."""
-    margin: int
+    margin_frames: int
     """Frames that are left out at both ends."""
     max_frames: int | None = None
     """Number of frames of a clip that are used; all by default."""
@@ -45,12 +45,12 @@ class BeatAlignVariant:
     def __call__(self, clip: Clip) -> Sums:
         assert clip.waveform is not None and clip.published_mean_speeds is not None
         joints = clip.pelvis_aligned[: self.max_frames]
-        frames, start = len(joints), int(self.margin * _SAMPLES_A_FRAME)
+        frames, start = len(joints), int(self.margin_frames * _SAMPLES_A_FRAME)
         audio = clip.waveform[: int(frames * _SAMPLES_A_FRAME)]
         # The trainer takes the end from the whole recording, the others from the motion.
         full = len(clip.waveform) if self.mimics_trainer else len(audio)
         audio = audio[start : full - start]
-        if frames <= 2 * self.margin or not len(audio):
+        if frames <= 2 * self.margin_frames or not len(audio):
             return {}
         if self.ignores_root_rotation:
             joints = np.einsum("tij,tki->tkj", clip.root_rotations[:frames].astype(float), joints)
@@ -63,10 +63,12 @@ class BeatAlignVariant:
         beats = []
         for speed in speeds.T:
             (minima,) = argrelextrema(
-                speed[self.margin : frames - self.margin], np.less, order=MINIMUM_ORDER
+                speed[self.margin_frames : frames - self.margin_frames],
+                np.less,
+                order=MINIMUM_ORDER,
             )
-            beats.append(minima[speed[minima] > self.threshold] / FPS)
-        count = frames - 2 * self.margin
+            beats.append(minima[speed[minima] > self.threshold_over_mean_speed] / FPS)
+        count = frames - 2 * self.margin_frames
         score = beat_align_audio_to_motion(onsets, beats)
         return {"count": np.array(float(count)), "beat_align": np.array(score * count)}
 

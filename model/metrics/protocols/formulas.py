@@ -37,11 +37,17 @@ FORMULAS: Mapping[str, Formula] = {
     "beats/workbench": Formula(partial(workbench_beat_sums, mean_speed_source="reference")),
     "beats/workbench-own": Formula(partial(workbench_beat_sums, mean_speed_source="own")),
     "beats/workbench-emage": Formula(partial(workbench_beat_sums, mean_speed_source="emage")),
-    "beats/emage": Formula(BeatAlignVariant(threshold=0.3, margin=60, mimics_trainer=True)),
-    "beats/evaltools": Formula(
-        BeatAlignVariant(threshold=0.1, margin=60, ignores_root_rotation=True)
+    "beats/emage": Formula(
+        BeatAlignVariant(threshold_over_mean_speed=0.3, margin_frames=60, mimics_trainer=True)
     ),
-    "beats/raggesture": Formula(BeatAlignVariant(threshold=0.3, margin=10, max_frames=300)),
+    "beats/evaltools": Formula(
+        BeatAlignVariant(
+            threshold_over_mean_speed=0.1, margin_frames=60, ignores_root_rotation=True
+        )
+    ),
+    "beats/raggesture": Formula(
+        BeatAlignVariant(threshold_over_mean_speed=0.3, margin_frames=10, max_frames=300)
+    ),
     "l1div/emage": Formula(l1_diversity_sums),
     "physical/mbench": Formula(physical_plausibility_sums),
     "gac/unicamp": Formula(coverage_sums),
@@ -63,7 +69,7 @@ def protocol_sums(clip: Clip, with_metrics_measured_elsewhere: bool = False) -> 
     sums = {
         name: formula.sums(clip)
         for name, formula in FORMULAS.items()
-        if (with_metrics_measured_elsewhere or not PROTOCOLS[name].is_measured_elsewhere)
+        if (with_metrics_measured_elsewhere or not PROTOCOLS[name].is_own_metric)
         and all(getattr(clip, need) is not None for need in PROTOCOLS[name].required_inputs)
     }
     return {name: each for name, each in sums.items() if each}

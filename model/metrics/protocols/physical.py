@@ -20,7 +20,7 @@ ROOT_STEP_M, FOOT_STEP_M = 1e-3, 1.2e-4
 """Steps of root and foot (m per frame) below which a frame is not judged."""
 LOWEST_RATIO, HIGHEST_RATIO, FLOATING_RATIO = 0.6, 1.75, 0.4
 """Limits of the ratio of the foot's step, relative to the root, and the root's step."""
-MIN_PEAKS = 3
+MIN_IMPLAUSIBLE_TURNS = 3
 """Number of turns of a jumping foot that make it implausible."""
 _EPSILON = 1e-6
 
@@ -89,7 +89,7 @@ def _floating_frames(
     turning = sum(
         end - start
         for start, end in jumps
-        if end - start >= MIN_FRAMES and _num_turns(feet[start:end, 0]) >= MIN_PEAKS
+        if end - start >= MIN_FRAMES and _num_turns(feet[start:end, 0]) >= MIN_IMPLAUSIBLE_TURNS
     )
     return int(implausible.sum()) + floating / 2 + turning
 

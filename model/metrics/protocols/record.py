@@ -19,7 +19,7 @@ class Protocol:
     """Definition of the number for its readers, one to three sentences."""
     measured_quantity: str
     """Joints, coordinates and units."""
-    segments: str
+    frames_and_averaging: str
     """Frames of each clip that are measured, and how clips are averaged."""
     source: str
     """Origin of the formula."""
@@ -34,7 +34,7 @@ class Protocol:
     encoder: str = "none"
     """File of the encoder and its sha256."""
     seed: str = "none"
-    is_measured_elsewhere: bool = False
+    is_own_metric: bool = False
     """True for a metric of this program, which ordinary runs measure without its formula."""
 
     @property

@@ -13,7 +13,7 @@ from model.storage.files import read_within_limit
 from model.storage.npz import MotionError
 
 MAX_BYTES, MAX_LABELS = 2**20, 5_000
-SCORE_OF_ALL = 0.165
+MEAN_RELEVANCE = 0.165
 """Mean relevance over BEAT, by which the published code divides."""
 
 
@@ -21,8 +21,7 @@ def read_semantics(path: Path, num_frames: int) -> Float[np.ndarray, " T"]:
     """Read the relevance of each frame from a file of BEAT's folder ``sem``.
 
     Its lines have a name, start, end, duration (s), score and keywords, separated by tabs. A frame
-    has the score of the first label that contains it, else 0. Raises MotionError for any other
-    file.
+    has the score of the first label that contains it, else 0. Raises MotionError for other files.
     """
     relevance, times = np.zeros(num_frames), np.arange(num_frames) / FPS
     is_labelled = np.zeros(num_frames, bool)
@@ -61,5 +60,5 @@ class SemanticRelevanceRecall:
             clip.pelvis_aligned - clip.reference.pelvis_aligned, ord=self.norm, axis=-1
         )
         near = (distance < self.threshold_m).mean(axis=1)
-        score = (near * clip.semantics).sum() / SCORE_OF_ALL
+        score = (near * clip.semantics).sum() / MEAN_RELEVANCE
         return {"count": np.array(float(len(near))), "srgr": np.array(score)}

@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 
 WORKBENCH = "workbench/1"
 """Id of the metrics that have no published rule of their own."""
-PROTOCOL_CAPTION = f"Numbers by protocol {WORKBENCH}."
+PROTOCOL_CAPTION = f"Metrics follow protocol {WORKBENCH}."
 """Last sentence of captions."""
-GENEA_LENGTHS = (30, 60, 90)
+GENEA_PIECE_FRAMES = (30, 60, 90)
 """Lengths of the pieces of GENEA's encoders (frames)."""
-_OPEN = "positions of 55 joints of the open body (m), y up, flat hands, betas 0"
+_OPEN = "positions of 55 joints of the bundled body (m), y up, flat hands, betas 0"
 _PELVIS_ALIGNED = f"{_OPEN}, pelvis-aligned"
 _WHOLE = "whole clips; mean over clips"
-_CODES = "one distance between the codes of all generated and all recorded clips"
+_CODES = "one distance between the latent codes of all generated and all recorded clips"
 _CODES_8 = f"whole clips; {_CODES}; one code per 8 frames"
 _UPPER = (
     "onsets detected by librosa (hop of 512 samples); positions of 13 upper-body joints of the "
-    "open body (m), pelvis-aligned"
+    "bundled body (m), pelvis-aligned"
 )
 _BEAT = {"beat_align": "0 to 1"}
 _FACE = "SMPL-X vertices (m) from betas, jaw pose and FLAME expressions (other joints at rest)"
@@ -57,24 +57,25 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "in the reference. Variants take the mean speed from the evaluated motion "
             "(beats/workbench-own) or from EMAGE (beats/workbench-emage).",
             _UPPER, _WITHOUT_2_S,
-            "EMAGE's formula, with the times of beats and onsets from the start of the clip",
-            "our own", _BEAT, ("waveform", "reference"), is_measured_elsewhere=True,
+            "EMAGE's formula, with the times of beats and onsets counted from the start of the "
+            "clip",
+            "our own", _BEAT, ("waveform", "reference"), is_own_metric=True,
         ),
         Protocol(
             "beats/workbench-own",
             "BeatAlign as in beats/workbench, but with the joint's mean speed in the evaluated "
             "motion instead of the reference, so that a slow motion is not penalised.",
             _UPPER, _WITHOUT_2_S, "as beats/workbench", "our own", _BEAT, ("waveform",),
-            is_measured_elsewhere=True,
+            is_own_metric=True,
         ),
         Protocol(
             "beats/workbench-emage",
             "BeatAlign as in beats/workbench, but with the mean joint speeds published by EMAGE. "
-            "EMAGE's own code gives another value (beats/emage), because it counts the frames of "
-            "beats from the start of the evaluated slice, but compares the speed at the same frame "
-            "number of the whole clip with the threshold.",
+            "EMAGE's own code gives another value (beats/emage), because it finds beats in "
+            "the evaluated slice, but tests the speed threshold at the same frame "
+            "numbers of the whole clip.",
             _UPPER, _WITHOUT_2_S, "as beats/workbench", "our own", _BEAT,
-            ("waveform", "published_mean_speeds"), is_measured_elsewhere=True,
+            ("waveform", "published_mean_speeds"), is_own_metric=True,
         ),
         Protocol(
             "beats/emage",
@@ -99,8 +100,8 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "of a second at each end. A joint's speed threshold is 0.3 times its mean speed as "
             "published by EMAGE.",
             _UPPER,
-            "frames 10 to 290 of each clip, or up to 10 frames before its end; mean over clips, "
-            "weighted by length",
+            "frames 10 to 290 of each clip (shorter clips: up to 10 frames before the end); mean "
+            "over clips, weighted by length",
             f"{_RAG}, tools/evaluate.py", value_units=_BEAT,
             required_inputs=("waveform", "published_mean_speeds"),
         ),
@@ -119,7 +120,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "all 165 coordinates. EMAGE itself uses a body with the mean hand pose and the clip's "
             "betas, so its values differ.",
             _PELVIS_ALIGNED, _WHOLE, f"{_PANTOMATRIX}, L1div", value_units={"l1_diversity_m": "m"},
-            is_measured_elsewhere=True,
+            is_own_metric=True,
         ),
         Protocol(
             "diversity/globaldiff",
@@ -185,14 +186,15 @@ PROTOCOLS: Mapping[str, Protocol] = {
                 value_units={"fgd": ""}, required_inputs=("reference", "genea_weights"),
                 encoder=f"model_checkpoint_{length}.bin, which you provide",
             )
-            for length in GENEA_LENGTHS
+            for length in GENEA_PIECE_FRAMES
         ),
         Protocol(
             "physical/mbench",
-            "Foot sliding, floating, jitter, dynamics and floor penetration of 22 joints: MBench's "
-            "metrics as the Motius leaderboard computes them. Distances are per frame at 30 fps. "
-            "Compare dynamics with the recorded motion; penetration is nearly always 0.",
-            "positions of 22 body joints of the open body (m), y up, float32", _WHOLE,
+            "Foot sliding, floating, jitter, dynamic degree and floor penetration of 22 joints: "
+            "MBench's metrics as the Motius leaderboard computes them. Distances are per frame at "
+            "30 fps. Compare the dynamic degree with that of the recorded motion; penetration is "
+            "nearly always 0.",
+            "positions of 22 body joints of the bundled body (m), y up, float32", _WHOLE,
             "ZeyuLing/Motius, evaluation/metrics/physical.py",
             "yes, relative differences of at most 4e-7 on six clips",
             {"slide_m": "m", "floating_share": "share", "jitter_m": "m", "dynamic_m": "m",
@@ -246,16 +248,16 @@ PROTOCOLS: Mapping[str, Protocol] = {
         ),
         Protocol(
             "mse_face/emage",
-            "Mean squared error of the vertices of a licensed SMPL-X body posed by jaw and "
-            "expressions only. Papers report it in units of 1e-8.",
+            "Mean squared error of the vertices of the SMPL-X model (which you provide), posed by "
+            "jaw and expressions only. Papers report it in units of 1e-8.",
             _FACE, _BY_LENGTH, f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
             value_units={"mse_m2": "m²"}, required_inputs=("reference", "face_vertices"),
         ),
         Protocol(
             "lvd/emage",
-            "Mean absolute error of the frame-to-frame displacement of the vertices of "
-            "mse_face/emage. Papers report it in units of 1e-5; a bug in the code of older papers "
-            "makes their values four times as large.",
+            "Mean absolute error of the displacement between frames, of the same vertices as in "
+            "mse_face/emage. Papers report it in units of 1e-5; values of older papers are four "
+            "times too large because of a bug in their code.",
             _FACE, _BY_LENGTH, f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
             value_units={"lvd_m": "m"}, required_inputs=("reference", "face_vertices"),
         ),
@@ -316,7 +318,7 @@ HEADINGS = ("id", "rule", "input", "flags", "source")
 
 def protocol_row(record: Protocol) -> tuple[str, str, str, str, str]:
     """Return the cells of a record in a table with `HEADINGS`."""
-    parts = [f"{record.measured_quantity}, {record.rate_fps:g} fps", record.segments]
+    parts = [f"{record.measured_quantity}, {record.rate_fps:g} fps", record.frames_and_averaging]
     parts += [f"{name} {each}" for name, each in (
         ("encoder", record.encoder), ("seed", record.seed)
     ) if each != "none"]  # fmt: skip

@@ -97,9 +97,10 @@ FAMILY = Family(
     descriptions={
         DDIM: "Two networks side by side, one for the face and one for the body; after every block "
         "each attends to the other's features. 25 diffusion steps each.",
-        LCM_SYNC: "The same networks, distilled (latent consistency) to 8 steps instead of 25.",
-        LCM_ASYNC: "The distilled networks. The face takes 4 steps while the body takes 8; in "
-        "between, the body uses the face's latest features.",
+        LCM_SYNC: "The networks of asynfusion/ddim, distilled (latent consistency) to 8 steps "
+        "instead of 25.",
+        LCM_ASYNC: "The networks of asynfusion/lcm-sync. The face takes 4 steps while the body "
+        "takes 8; in between, the body uses the face's latest features.",
     },
     presets=presets,
     package="model.systems.asynfusion",

@@ -17,8 +17,7 @@ from model.systems.asynfusion.config import DualBranchConfig
 class CoSync(nn.Module):
     """Exchange ``MLP(LN(softmax(Q K^T / sqrt(d)) V)) + F`` of a branch with the other.
 
-    Eqs. 9 and 10: queries from its own frames, keys and values from the other's. Initially
-    identity.
+    Eqs. 9 and 10: queries of its own frames, keys and values of the other's. Initially identity.
     """
 
     def __init__(self, width: int, num_heads: int) -> None:

@@ -34,9 +34,9 @@ from model.training import losses
 from model.training.parallel import ShardedRandom
 from model.training.targets import (
     Targets,
-    fit_component_prior,
+    fit_components_and_prior,
     fit_or_reuse_face_prior,
-    network_conditions,
+    masked_conditions,
     prepare_targets,
     prior_batches,
 )
@@ -100,7 +100,7 @@ class BranchesTask(SingleNetworkTask):
             seed_frames = config.network.seed_frames
             conditions: dict[str, Any] = {"seed": map_branches(lambda x: x[:, :seed_frames], x_1)}
             droppable = "seed", "speech", "speaker"
-            conditions |= network_conditions(config, network, batch, draws, droppable)
+            conditions |= masked_conditions(config, network, batch, draws, droppable)
         with shard.autocast():
             predicted = network(x_t, t, **conditions)
             if self.teacher is not None:
@@ -135,7 +135,7 @@ def fit_statistics(
     body = Normaliser.fit(vectors, groups=AXIS_ANGLE_GROUPS)
     return (
         BranchStatistics(*fit_or_reuse_face_prior(data, config)),
-        BranchStatistics(*fit_component_prior(body, bodies, config.seed_frames)),
+        BranchStatistics(*fit_components_and_prior(body, bodies, config.seed_frames)),
     )
 
 

@@ -24,7 +24,7 @@ from model.motion.packing import Normaliser
 from model.networks.branch import ExtraConditionEncoder, PriorResidualNetwork
 from model.networks.config import BranchConfig
 from model.networks.trained import TrainedWeights
-from model.plan.plan_features import NUM_FACE_TRACKS
+from model.plan.plan_features import NUM_HEAD_FACE_TRACKS
 from model.sampling.flow import seeded_noise
 from model.sampling.prior import GaussianPrior
 from model.storage.cards import CheckpointError, load_card
@@ -38,7 +38,7 @@ class FaceNetwork(PriorResidualNetwork):
 
     def __init__(self, config: ExpressionConfig, prior: GaussianPrior) -> None:
         super().__init__(config, prior, channels=config.expression_dim, expression_dim=0)
-        self.plan = ExtraConditionEncoder(NUM_FACE_TRACKS, config.width, config.speech_context)
+        self.plan = ExtraConditionEncoder(NUM_HEAD_FACE_TRACKS, config.width, config.speech_context)
 
     def forward(
         self,
@@ -51,8 +51,8 @@ class FaceNetwork(PriorResidualNetwork):
     ) -> Float[Tensor, "B T E"]:
         """Predict the clean components x_1, with the inputs of `PriorResidualNetwork` and a plan.
 
-        ``tracks`` are `model.plan.plan_features.FACE_TRACKS` of the speech's frames; ``has_plan``
-        drops them.
+        ``tracks`` are `model.plan.plan_features.HEAD_FACE_TRACKS` of the speech's frames;
+        ``has_plan`` drops them.
         """
         if tracks is None:
             return super().forward(x_t, t, **conditions)
@@ -90,7 +90,7 @@ class FaceModel:
         """Sample windows of blendshapes.
 
         ``seed`` has the normalised last frames of the windows before, None at the start of a clip;
-        ``face_tracks`` are `model.plan.plan_features.FACE_TRACKS` of the same frames as the speech.
+        ``face_tracks`` are `model.plan.plan_features.HEAD_FACE_TRACKS` of the speech's frames.
         """
         size = len(speech)
         seed_poses = torch.zeros_like(noise[:, : self.config.seed_frames]) if seed is None else seed
@@ -229,14 +229,14 @@ def face_first_fields(
 ) -> dict[str, Any]:
     """Return the fields of a `FaceFirstSystem`, without the network of the body.
 
-    Raises CheckpointError if the windows of body and face differ, or files of the face are missing
-    or damaged.
+    Raises CheckpointError if windows of body and face differ, or face files are missing or damaged.
     """
     face = load_face(folder)
     windows = config.window_frames, config.seed_frames
     if windows != (face.config.window_frames, face.config.seed_frames):
         raise CheckpointError(
-            f"The windows of {body.name} and of the expression network differ in length or overlap."
+            f"{body.name} and the expression network were trained with different window lengths or "
+            "overlaps; use weights that match."
         )
     return family.system_fields(name, body.card) | {
         "sha256s": {body.name: body.sha256, EXPRESSION: face.sha256},

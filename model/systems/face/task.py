@@ -5,13 +5,13 @@ from torch import nn
 
 from model.data.annotations import load_plan_annotations
 from model.data.prepared import Batch, PreparedData
-from model.plan.plan_features import FACE_TRACKS
+from model.plan.plan_features import HEAD_FACE_TRACKS
 from model.sampling.flow import flow_loss_weight, interpolate
 from model.systems.face.config import FaceTrainConfig
 from model.systems.face.face import FaceNetwork
 from model.training import losses
 from model.training.parallel import ShardedRandom
-from model.training.targets import fit_or_reuse_face_prior, network_conditions
+from model.training.targets import fit_or_reuse_face_prior, masked_conditions
 from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 
@@ -39,13 +39,13 @@ class FaceTask(SingleNetworkTask):
             x_1 = self.normaliser.normalise(units)
             x_0 = draws.noise(x_1.shape[1:])
             t = draws.flow_times(config.flow_time_power)
-            conditions = network_conditions(
+            conditions = masked_conditions(
                 config, network, batch, draws, droppable=("seed", "speaker")
             )
             conditions["seed"] = x_1[:, : shape.seed_frames]
             if self.plans is not None:
                 tracks, _ = self.plans.tracks_and_kinds(batch, shape.speech_context)
-                conditions["tracks"] = shard.local_rows(tracks[..., FACE_TRACKS])
+                conditions["tracks"] = shard.local_rows(tracks[..., HEAD_FACE_TRACKS])
                 conditions["has_plan"] = draws.keep_mask(config.plan_dropout)
         with shard.autocast():
             predicted = network(interpolate(x_0, x_1, t), t, **conditions)

@@ -58,7 +58,8 @@ class GanLossWeights:
     """Weight of the likelihood of sampled x_0 in the explicit loss: it fits the deviation, and
     keeps the mean exact where the prior leaves little open."""
     time_weight_floor: float | None = 0.1
-    """Floor of `model.sampling.flow.flow_loss_weight`, at the flow time of a diffusion time."""
+    """Constant in the denominator of `model.sampling.flow.flow_loss_weight`, taken at the flow time
+    of a diffusion time; None: equal weights."""
     gradient_penalty: float = 0.05
     """Weight of R1: half the squared gradient of the score at real samples."""
 
@@ -94,7 +95,7 @@ _FASTEST = min(STEPS_BY_SYSTEM, key=lambda name: STEPS_BY_SYSTEM[name])
 
 FAMILY = Family(
     name="gan",
-    title="Few large denoising steps, trained with a discriminator",
+    title="Conditional GAN that denoises in a few large steps",
     systems=tuple(STEPS_BY_SYSTEM),
     descriptions={
         name: f"Takes {steps} large denoising steps; trained against a discriminator."

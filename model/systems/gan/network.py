@@ -1,8 +1,7 @@
 """Networks and schedule of the GAN: generator, discriminator, a step's posterior, and DDIM's step.
 
 The generator predicts clean motion x_0 from x_t, speech, seed pose and speaker. The notation is
-that of diffusion: x_0 is data and t = 1 noise; in `model.sampling.flow`, x_1 is data and t = 0
-noise.
+diffusion's: x_0 is data and t = 1 noise; in `model.sampling.flow`, x_1 is data and t = 0 noise.
 
 Xiao et al., "Tackling the Generative Learning Trilemma with Denoising Diffusion GANs" (2022),
 variance-preserving: ``x_t = signal(t) x_0 + noise(t) eps`` with t from 0 (data) to 1 (noise) and
@@ -70,7 +69,7 @@ def posterior(
 def diffusion_times(steps: int) -> list[float]:
     """Return the times of a sampling, from 1 down to 0; raises ValueError if ``steps`` < 1."""
     if steps < 1:
-        raise ValueError(f"steps is {steps}; at least 1 is needed.")
+        raise ValueError(f"The number of sampling steps must be at least 1; got {steps}.")
     return [(steps - k) / steps for k in range(steps)] + [0.0]
 
 
@@ -96,9 +95,9 @@ def ddim_step(
 
 
 FINGERS = AXIS_ANGLE_GROUPS[0]
-SHARE_LIMIT = 0.05
+MIN_INITIAL_BRANCH_SHARE = 0.05
 """Limit of the initial balance: no branch starts with a smaller weight."""
-LOG_SPREAD = (-3.0, 1.0)
+LOG_STD_RATIO_BOUNDS = (-3.0, 1.0)
 """Limits of the logarithm of a deviation as a share of the prior's."""
 NUM_LAYERS = 7
 CONDITION_WIDTH = 64
@@ -141,7 +140,7 @@ class Generator(ConditionedNetwork):
         self.register_buffer("unmix", normaliser.unmix, persistent=False)
         energy = normaliser.unmix.square()
         share = energy[:, FINGERS].sum(1) / energy.sum(1)
-        self.balance = nn.Parameter(torch.logit(share, eps=SHARE_LIMIT))
+        self.balance = nn.Parameter(torch.logit(share, eps=MIN_INITIAL_BRANCH_SHARE))
         self.spread = nn.Linear(config.width + 1, channels + config.window_frames)
         nn.init.zeros_(self.spread.weight)
         nn.init.zeros_(self.spread.bias)
@@ -196,13 +195,15 @@ class Generator(ConditionedNetwork):
         )
         unit = torch.lerp(rest, fingers, self.balance.sigmoid())
         with torch.autocast(x_t.device.type, enabled=False):
-            own = self.posterior_std(tau, has_seed)
+            own = self.posterior_std_in_eigenbasis(tau, has_seed)
             mean = prior_mean + self.prior.from_eigenbasis(
                 own * self.prior.to_eigenbasis(unit, has_seed), has_seed
             )
             open_ = self.spread(torch.cat([condition.float(), has_seed[:, None].float()], dim=-1))
             by_component, by_vector = open_.T.split([x_t.shape[2], x_t.shape[1]])
-            return mean, own * (by_component[:, None] + by_vector).clamp(*LOG_SPREAD).exp()
+            return mean, own * (by_component[:, None] + by_vector).clamp(
+                *LOG_STD_RATIO_BOUNDS
+            ).exp()
 
     def sample_x_0(
         self,
@@ -232,7 +233,7 @@ class Generator(ConditionedNetwork):
         free, held = self.prior.variance[..., None]
         return torch.where(has_seed, held, free)
 
-    def posterior_std(
+    def posterior_std_in_eigenbasis(
         self, tau: Float[Tensor, " B"], has_seed: Bool[Tensor, " B"]
     ) -> Float[Tensor, "C T B"]:
         """Compute the posterior's deviation of x_0 along its eigenvectors at flow time ``tau``."""

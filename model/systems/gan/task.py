@@ -24,7 +24,7 @@ from model.systems.gan.network import (
 from model.training import losses
 from model.training.losses import geometric_terms
 from model.training.parallel import ShardedRandom, compiled
-from model.training.targets import fit_or_reuse_motion_prior, network_conditions, prepare_targets
+from model.training.targets import fit_or_reuse_motion_prior, masked_conditions, prepare_targets
 from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 MAX_DEVIATIONS = 5.0
@@ -149,7 +149,7 @@ class GanTask(SingleNetworkTask):
         return logged
 
     def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
-        """Compute the explicit terms of a network's prediction."""
+        """Compute the explicit terms alone, for validation; `step` has the losses of training."""
         drawn = self.draw(network, batch, draws)
         return StepLoss(self.explicit_terms(*self.denoised(network, drawn), drawn))
 
@@ -169,7 +169,7 @@ class GanTask(SingleNetworkTask):
         t, s = shard.local_rows(number / counts), shard.local_rows((number - 1) / counts)
         x_s = diffuse(x_0, draws.noise(window), torch.zeros_like(s), s)
         x_t = diffuse(x_s, draws.noise(window), s, t)
-        conditions = network_conditions(
+        conditions = masked_conditions(
             config, network, batch, draws, droppable=("seed", "speech", "speaker")
         )
         conditions["seed"] = x_0[:, : shape.seed_frames]
@@ -182,7 +182,7 @@ class GanTask(SingleNetworkTask):
     def denoised(
         self, network: nn.Module, drawn: DenoisingBatch
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
-        """Predict mean and deviation of x_0 with the generator."""
+        """Predict the mean of x_0, and its deviation along the prior's eigenvectors."""
         with self.shard.autocast():
             return network(
                 drawn.x_t, drawn.t, drawn.s, expression=drawn.expression, **drawn.condition
@@ -217,7 +217,7 @@ class GanTask(SingleNetworkTask):
         )
         means = {name: (by_sample * term).mean() for name, term in terms.items()}
         has_seed = drawn.condition["has_seed"]
-        own = self.network.posterior_std(flow_time_and_scale(drawn.t)[0], has_seed)
+        own = self.network.posterior_std_in_eigenbasis(flow_time_and_scale(drawn.t)[0], has_seed)
         error = self.network.prior.to_eigenbasis(drawn.x_0 - mean, has_seed) / own
         means["spread"] = self.config.loss.spread * gaussian_loss(error, std / own)
         return means

@@ -44,7 +44,7 @@ class GlobalDiffLossWeights(GeometricWeights):
     motion: float = 0.0
     """Weight of L_m: codes of the frozen variational encoder (GlobalDiff eqs. 14 and 15)."""
     time_weight_floor: float | None = 0.5
-    """Floor of the sample weight 1 / ((1 - t)^2 + floor), scaled to mean 1, which raises late steps
+    """Constant of the sample weight 1 / ((1 - t)^2 + it), scaled to mean 1, which raises late steps
     of the flow, on which smoothness depends. None: equal weights."""
 
 
@@ -58,8 +58,7 @@ class GlobalDiffTrainConfig(TrainConfig):
     """Scaling of motion vectors by body-part group, or none."""
     loss: GlobalDiffLossWeights = field(default_factory=GlobalDiffLossWeights)
     flow_time_power: float = 2.0
-    """Exponent of flow times, ``u ** power``, u uniform: above 1 more are early, where speech
-    decides."""
+    """Exponent applied to uniform flow times: above 1 more are early, where speech decides."""
 
 
 @dataclass(frozen=True)
@@ -162,18 +161,18 @@ _TITLE = "Five systems, each adding one thing to the one before"
 _INTRODUCTION = (
     "All predict the clean motion from a noised one, the speech, the speaker and a short seed pose "
     "(flow matching, eq. 7), with losses on positions as well as rotations. In this project, "
-    "everything except the added step is equal: data and their order, network, training windows, "
-    "and the noise of a comparison. Each was trained from random weights, on raw rotations as in "
-    "the paper's code. The paper claims that "
+    "everything except the added part is the same: data and their order, network, training "
+    "windows, and the initial noise in a comparison. Each was trained from random weights, on "
+    "unnormalised 6D rotations as in the paper's code. The paper claims that "
     "each step helps; the metrics show whether it does on your clip."
 )
 _OWN_TITLE = "Our own system"
 _OWN_MEANING = (
     "A linear-Gaussian prior of the motion (range, smoothness and duration of each body part's "
-    "movement) gives the distribution of x₁ given the noised motion and the previous frames. The "
-    "network predicts what the speech adds, in units of the remaining standard deviation. Its "
-    "motion therefore has the range and smoothness of the training data; the systems of the "
-    "ablation have no such prior."
+    "movement) gives the distribution of the clean motion given the noised one and the previous "
+    "frames. The network predicts what the speech adds, in units of the posterior standard "
+    "deviation. The generated motion therefore has the range and smoothness of the training data; "
+    "the systems of the ablation have no such prior."
 )
 
 _EQ_3 = r"R_k^{\text{global}} = R_1^{\text{local}} R_2^{\text{local}} \cdots R_k^{\text{local}}"
@@ -191,8 +190,9 @@ _MOTION = r"\mathcal{L}_m = \|g(\hat{X}) - g(X)\|^2"
 _STEPS = (
     AblationStep(
         "globaldiff/local", "Local rotations",
-        "Each joint is predicted relative to its parent. A joint's direction in the world is a "
-        "product along the chain, so an error at the shoulder turns everything below it.",
+        "Each joint is predicted relative to its parent. A joint's global rotation is the "
+        "product of the local rotations along the chain, so an error at the shoulder rotates "
+        "everything below it.",
         _EQ_3, "eq. 3",
         "Tremor that grows from shoulder to fingertip; a body that tilts as a whole.",
     ),
@@ -217,7 +217,7 @@ _STEPS = (
         "The angle between every two bones (all pairs P) is compared with the recording, however "
         "far apart the bones are on the body.",
         _SKELETON, "eqs. 11 to 13",
-        "Posture: leaning, uneven limbs and unsteady feet should become rarer.",
+        "Posture: leaning, limbs held unevenly and unsteady feet should become rarer.",
     ),
     AblationStep(
         "globaldiff/full", "+ motion constraint",
@@ -238,7 +238,7 @@ FAMILY = Family(
     title="GlobalDiff, and a system of our own",
     systems=SYSTEMS,
     descriptions={
-        PRIORFLOW: "Blocks of the paper's network with a linear-Gaussian prior of the motion.",
+        PRIORFLOW: "GlobalDiff's network blocks with a linear-Gaussian prior of the motion.",
         "globaldiff/local": "Predicts each joint's rotation relative to its parent.",
         "globaldiff/global": "Predicts each joint's rotation in world coordinates.",
         "globaldiff/joint": "Global rotations plus the joint constraint (L_j).",

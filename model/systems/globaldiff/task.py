@@ -28,7 +28,7 @@ from model.training.targets import (
     Targets,
     fit_motion_normaliser,
     fit_or_reuse_motion_prior,
-    network_conditions,
+    masked_conditions,
     prepare_targets,
 )
 from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
@@ -88,7 +88,7 @@ class MotionTask(SingleNetworkTask):
             x_1 = self.normaliser.normalise(vectors)
             x_0 = draws.noise(x_1.shape[1:])
             t = draws.flow_times(config.flow_time_power)
-            conditions = network_conditions(config, network, batch, draws)
+            conditions = masked_conditions(config, network, batch, draws)
             conditions["expression"] = shard.local_rows(batch.arkit_weights)
             conditions["seed"] = x_1[:, : config.network.seed_frames]
             conditions |= self.extra_inputs(batch, draws)
@@ -206,8 +206,7 @@ def skeleton_structure_loss(
 
         |D D^T - E E^T|^2 = (tr(S^T S M^T M) + tr(M^T S M^T S)) / 2
 
-    holds for any number of bones, needs 3 x 3 products only, and loses no digits where the two are
-    nearly equal.
+    holds for any number of bones, needs 3 x 3 products only, and loses no digits if D is near E.
     """
     predicted, length = bone_directions_and_lengths(positions)
     wanted, wanted_length = bone_directions_and_lengths(target)

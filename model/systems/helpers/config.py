@@ -45,8 +45,7 @@ class MatchingTrainConfig(TrainConfig):
     piece_frames: int = 300
     """Length of a piece of speech or motion (frames)."""
     pieces: int = 4
-    """Number of consecutive pieces of each window; the mismatched ones thus include the same voice
-    and habits."""
+    """Number of successive pieces per window; mismatches thus include the same voice and habits."""
     arm_speed_weight: float = 0.3
     """Weight of the arms' log speed error, added to the contrastive loss."""
 

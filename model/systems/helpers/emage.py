@@ -15,14 +15,14 @@ from torch import Tensor, nn
 
 from model.motion.motion import Motion
 from model.motion.rotations import rot6d_from_matrix
-from model.storage.checkpoint import check_tensors, read_tensors
+from model.storage.checkpoint import check_tensors, read_torch_checkpoint
 
 CODE_DIM = 240
 """Size of a code: 12 for each of 20 chains of bones."""
 FRAMES_PER_CODE = 16
 WHOLE_FRAMES = 32
 """Multiple to which a clip's frames are cut, as in EMAGE's evaluation."""
-ROOT_OFFSET = 1e-6
+COVARIANCE_OFFSET = 1e-6
 """Offset on the diagonals of both covariances under the root, as in EMAGE's evaluation."""
 _INPUT_DIM = 330
 _LEVELS: tuple[tuple[int, int, int | None], ...] = (
@@ -101,7 +101,7 @@ class EmageEncoder(nn.Module):
 
 def load_emage_encoder(path: Path) -> EmageEncoder:
     """Load the encoder from EMAGE's file, which also holds an unused decoder."""
-    tensors = read_tensors(path)
+    tensors = read_torch_checkpoint(path)
     network = EmageEncoder()
     wanted = {f"encoder.{key}": tensor for key, tensor in network.state_dict().items()}
     weights = {key: tensor for key, tensor in tensors.items() if not key.startswith(_UNUSED)}
@@ -110,7 +110,7 @@ def load_emage_encoder(path: Path) -> EmageEncoder:
         weights,
         path.name,
         "EMAGE's encoder",
-        "AESKConv_240_100.bin of its evaluation tools",
+        "AESKConv_240_100.bin from EMAGE's evaluation tools",
     )
     network.load_state_dict({key.removeprefix("encoder."): each for key, each in weights.items()})
     return network.eval().requires_grad_(False)

@@ -14,12 +14,12 @@ from jaxtyping import Float, Shaped
 from torch import Tensor, nn
 
 from conventions.joints import JOINT_INDEX
-from model.metrics.protocols.table import GENEA_LENGTHS
+from model.metrics.protocols.table import GENEA_PIECE_FRAMES
 from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion
 from model.motion.tracks import track_points
 from model.storage.cards import CheckpointError
-from model.storage.checkpoint import check_tensors, read_tensors
+from model.storage.checkpoint import check_tensors, read_torch_checkpoint
 
 CODE_DIM = 32
 _PREFIX = "pose_encoder."
@@ -82,10 +82,13 @@ class GeneaEncoder(nn.Module):
 
 def load_genea_encoder(path: Path) -> GeneaEncoder:
     """Load the encoder from GENEA's file; raises CheckpointError for any other file."""
-    what, advice = "GENEA's encoder", "model_checkpoint_30, _60 or _90.bin of its evaluation"
+    what, advice = (
+        "GENEA's encoder",
+        "model_checkpoint_30, _60 or _90.bin from GENEA's evaluation code",
+    )
     weights = {
         key.removeprefix(_PREFIX): each
-        for key, each in read_tensors(path).items()
+        for key, each in read_torch_checkpoint(path).items()
         if key.startswith(_PREFIX) and not key.endswith("num_batches_tracked")
     }
     network = GeneaEncoder(*_sizes(weights, f"{path.name} is not {what}; give {advice}."))
@@ -108,7 +111,7 @@ def _sizes(
         length = 2 * (tensors["out_net.0.weight"].shape[1] // last + 5)
     except (LookupError, TypeError, ZeroDivisionError):
         raise CheckpointError(refusal) from None
-    if length not in GENEA_LENGTHS or max(first, second, third, last) > 512:
+    if length not in GENEA_PIECE_FRAMES or max(first, second, third, last) > 512:
         raise CheckpointError(refusal)
     return (first, second, third, last), length
 

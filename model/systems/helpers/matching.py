@@ -43,17 +43,17 @@ PREDICTED = [
     TRACKS.index(f"{side}_{j}") for j in ("shoulder", "elbow") for side in ("left", "right")
 ]
 """Tracks with a mean, the log speed of the arms, that is also predicted from speech alone."""
-STILL_RAD_S = 0.1
+LOG_SPEED_OFFSET_RAD_S = 0.1
 """Speed (rad/s) added before the logarithm: a slower one counts as still."""
 SMOOTH_FRAMES = 2.0
 """Deviation (frames) of the Gaussian over angular velocities, against sensor jitter."""
-STRIDE = 2
+FRAMES_PER_VECTOR = 2
 """Frames of motion under each vector of a tower's track."""
 MIN_SIZE = 1e-3
 """Smallest norm of a track; one with less movement agrees with nothing."""
 
 
-def log_speed_features(poses: Float[Tensor, "B T 165"]) -> Float[Tensor, "B T tracks"]:
+def speed_and_jaw_features(poses: Float[Tensor, "B T 165"]) -> Float[Tensor, "B T tracks"]:
     """Compute `TRACKS`, not normalised: log angular speeds (rad/s) and jaw opening (rad).
 
     From local axis-angle (rad). All but the jaw opening do not depend on the pose.
@@ -66,7 +66,7 @@ def log_speed_features(poses: Float[Tensor, "B T 165"]) -> Float[Tensor, "B T tr
             turned = turned @ matrices
         steps = axis_angle_from_matrix(turned[:, :-1].mT @ turned[:, 1:])
         velocity = _smooth(torch.cat([steps[:, :1], steps], dim=1)) * FPS
-        tracks.append((velocity.norm(dim=-1) + STILL_RAD_S).log())
+        tracks.append((velocity.norm(dim=-1) + LOG_SPEED_OFFSET_RAD_S).log())
     tracks.append(_smooth(joints[:, :, JOINT_INDEX["jaw"]]).norm(dim=-1))
     return torch.stack(tracks, dim=-1)
 
@@ -84,10 +84,10 @@ def remove_mean(x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
     return x - x.mean(1, keepdim=True)
 
 
-def log_arm_speed(tracks: Float[Tensor, "B T tracks"]) -> Float[Tensor, "B T2 1"]:
-    """Compute the arms' centred log speed from `log_speed_features` at the towers' rate."""
+def centred_log_arm_speed(tracks: Float[Tensor, "B T tracks"]) -> Float[Tensor, "B T2 1"]:
+    """Compute the arms' centred log speed from `speed_and_jaw_features` at the towers' rate."""
     mean = tracks[..., PREDICTED].mean(-1, keepdim=True).transpose(1, 2)
-    return remove_mean(F.avg_pool1d(mean, STRIDE, ceil_mode=True).transpose(1, 2))
+    return remove_mean(F.avg_pool1d(mean, FRAMES_PER_VECTOR, ceil_mode=True).transpose(1, 2))
 
 
 class Tower(nn.Module):
@@ -101,7 +101,7 @@ class Tower(nn.Module):
     ) -> None:
         super().__init__()
         held = "replicate"
-        self.inside = nn.Conv1d(channels, width, 5, STRIDE, padding=2, padding_mode=held)
+        self.inside = nn.Conv1d(channels, width, 5, FRAMES_PER_VECTOR, padding=2, padding_mode=held)
         self.blocks = nn.Sequential(*(ResidualBlock(width, d, held) for d in config.dilations))
         self.out = nn.ModuleDict({name: nn.Conv1d(width, config.track_dim, 1) for name in names})
 
@@ -137,7 +137,7 @@ class MatchingNetwork(nn.Module):
     def encode_motion(
         self, tracks: Float[Tensor, "B T tracks"]
     ) -> dict[str, Float[Tensor, "B T2 track"]]:
-        """Compute the tracks of a motion by body part, from normalised `log_speed_features`."""
+        """Compute the tracks of a motion by body part, from normalised `speed_and_jaw_features`."""
         return {
             part: self.motion[part](tracks[..., columns])[part]
             for part, columns in TRACKS_BY_PART.items()
@@ -168,7 +168,7 @@ def agreement(
 
 @dataclass(frozen=True)
 class SpeechMotionMatcher:
-    """Trained classifier with the statistics of `log_speed_features`; its weights are constant."""
+    """Trained classifier with statistics of `speed_and_jaw_features`; its weights are constant."""
 
     network: MatchingNetwork
     normaliser: Normaliser
@@ -184,7 +184,7 @@ class SpeechMotionMatcher:
         """Compute the agreement of every motion with every speech, summed over ``parts``."""
         speech_codes = self.network.encode_speech(speech)
         motion_codes = self.network.encode_motion(
-            self.normaliser.normalise(log_speed_features(poses))
+            self.normaliser.normalise(speed_and_jaw_features(poses))
         )
         return torch.stack(
             [agreement(motion_codes[part], speech_codes[part]) for part in parts]
@@ -195,9 +195,9 @@ class SpeechMotionMatcher:
         self, poses: Float[Tensor, "B T 165"], speech: Float[Tensor, "B T dim"]
     ) -> tuple[Float[Tensor, "B T2 1"], Float[Tensor, "B T2 1"]]:
         """Compute the arms' centred log speed, of the motion and predicted from speech."""
-        tracks = self.normaliser.normalise(log_speed_features(poses))
+        tracks = self.normaliser.normalise(speed_and_jaw_features(poses))
         speeds = self.network.speed(self.network.encode_speech(speech)["arms"])
-        return log_arm_speed(tracks), speeds
+        return centred_log_arm_speed(tracks), speeds
 
 
 def load_matcher(folder: Path, name: str) -> SpeechMotionMatcher:

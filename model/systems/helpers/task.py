@@ -22,8 +22,8 @@ from model.systems.helpers.matching import (
     TRACKS_BY_PART,
     MatchingNetwork,
     agreement,
-    log_arm_speed,
-    log_speed_features,
+    centred_log_arm_speed,
+    speed_and_jaw_features,
 )
 from model.training import losses
 from model.training.config import TrainConfig
@@ -103,9 +103,8 @@ class AutoencoderTask(SingleNetworkTask):
 def fit_input_normaliser(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:
     """Compute the statistics of the network's input.
 
-    All blendshapes share one standard deviation, as the channels of a body part do: separate ones
-    would amplify units that hardly move. Raises DataError if the network needs faces and they never
-    move.
+    All blendshapes share one standard deviation, like a body part's channels: separate ones would
+    amplify units that hardly move. Raises DataError if the network needs faces and they never move.
     """
     shape = config.autoencoder
     vectors = autoencoder_input(shape, batch.poses, batch.transl, batch.arkit_weights).flatten(0, 1)
@@ -143,7 +142,7 @@ class SpeechMotionMatchingTask(SingleNetworkTask):
             weights.normaliser
             if weights
             else fit_track_normaliser(
-                log_speed_features(statistics_batch(data, config.piece_frames).poses)
+                speed_and_jaw_features(statistics_batch(data, config.piece_frames).poses)
             )
         )
         network = MatchingNetwork(config.matching)
@@ -158,7 +157,9 @@ class SpeechMotionMatchingTask(SingleNetworkTask):
             return x.unflatten(1, (config.pieces, config.piece_frames)).flatten(0, 1)
 
         with torch.no_grad():
-            tracks = self.normaliser.normalise(log_speed_features(shard.local_rows(batch.poses)))
+            tracks = self.normaliser.normalise(
+                speed_and_jaw_features(shard.local_rows(batch.poses))
+            )
             speech = shard.local_rows(augmented_speech(config, network, batch, draws.generator))
         with shard.autocast():
             speech_tracks, motion_tracks_encoded, speed, log_scale = network(
@@ -169,14 +170,14 @@ class SpeechMotionMatchingTask(SingleNetworkTask):
             agreements = agreement(motion_tracks_encoded[part].float(), speech_tracks[part].float())
             terms[part] = contrastive_loss(scale * agreements)
             shares[f"{part}_share_right"] = pairwise_matching_accuracy(agreements.detach())
-        wanted = log_arm_speed(pieces(tracks))
+        wanted = centred_log_arm_speed(pieces(tracks))
         error = (speed.float() - wanted).square().mean() / wanted.square().mean().clamp_min(1e-6)
         terms["arm_speed"] = config.arm_speed_weight * error
         return StepLoss(terms, shares)
 
 
 def fit_track_normaliser(tracks: Float[Tensor, "N T tracks"]) -> Normaliser:
-    """Compute the statistics of `log_speed_features`."""
+    """Compute the statistics of `speed_and_jaw_features`."""
     flat = tracks.flatten(0, 1)
     return Normaliser(flat.mean(0), flat.std(0).clamp_min(TRACK_STD_FLOOR))
 

@@ -69,8 +69,8 @@ def official_file(part: OfficialNetwork) -> Path:
     folder = official_folder()
     if folder is None:
         raise CheckpointError(
-            "The systems official/... need the authors' checkpoints; name their folder with "
-            "--official FOLDER."
+            "The systems official/... need the GlobalDiff authors' checkpoints; give the folder "
+            "with --official FOLDER."
         )
     there = (path for path in sorted(folder.rglob("*")) if path.is_file())
     own = [path for path in there if network_by_file_name(path.relative_to(folder.parent)) == part]

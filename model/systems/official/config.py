@@ -37,7 +37,7 @@ class OfficialFamily(Family):
         return ()
 
     def available_systems(self, folder: Path) -> tuple[str, ...]:
-        """Return both systems if a folder was named; reading them reports missing files."""
+        """Return both systems if a folder is named, even if files are missing in it."""
         return () if official_folder() is None else self.systems
 
     def require_files(self) -> None:
@@ -47,7 +47,7 @@ class OfficialFamily(Family):
                 official_file(part)
             require_speech_model_or_features()
 
-    def single_speech_reason(self) -> str | None:
+    def one_recording_only_reason(self) -> str | None:
         """Return that prepared features are of one speech; None without them."""
         if official_folder() is None or not require_speech_model_or_features().is_file():
             return None
@@ -74,7 +74,7 @@ class OfficialFamily(Family):
         content = {
             "system": name,
             "speakers": SPEAKERS | {name: 0 for name in _speakers_in(folder)},
-            "training_data": f"what the authors' checkpoint {motion.name} was trained on",
+            "training_data": f"the training data of the authors' checkpoint {motion.name}",
             "weights_are": f"the authors' checkpoint {motion.name}, run by this project's code",
         }
         return WeightsCard(content, name)
@@ -93,7 +93,7 @@ FAMILY = OfficialFamily(
     systems=(FILTERED, UNFILTERED),
     descriptions={
         FILTERED: "The authors' checkpoint as their script runs it, each window smoothed.",
-        UNFILTERED: "The same checkpoint without smoothing: the raw output.",
+        UNFILTERED: "The authors' checkpoint without smoothing: the raw output.",
     },
     samplers=dict.fromkeys(
         (FILTERED, UNFILTERED),
@@ -103,7 +103,7 @@ FAMILY = OfficialFamily(
     package="model.systems.official",
     display_order=5,
     offline_only=(FILTERED, UNFILTERED),
-    files_title="GlobalDiff by its authors (docs/official.md)",
+    files_title="Official GlobalDiff, the authors' code (docs/official.md)",
     files=(
         FileFlag(
             "--official", FOLDER_VARIABLE, "FOLDER",
@@ -112,7 +112,7 @@ FAMILY = OfficialFamily(
         ),
         FileFlag(
             "--official-features", SPEECH_VARIABLE, "PATH",
-            "Folder of WavLM or HuBERT, the authors' speech encoder, or prepared features of this "
+            "Folder of the authors' speech encoder (WavLM or HuBERT), or prepared features of your "
             f"speech (.npz or .npy; default: ${SPEECH_VARIABLE}, else $WAVLM_DIR)",
         ),
         FileFlag(

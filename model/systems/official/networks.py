@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from model.generation.family import FileCheck
-from model.storage.checkpoint import check_tensors, read_tensors
+from model.storage.checkpoint import check_tensors, read_torch_checkpoint
 from model.systems.official.checkpoints import (
     BODY_CHANNELS,
     EXPRESSION_DIM,
@@ -112,8 +112,7 @@ MOTION_NUM_HEADS = 8
 class SeedBlock(nn.Module):
     """Attention and a feed-forward network, both modulated by time and speaker.
 
-    The first frames attend to the seed pose first. Norms follow the additions and have no
-    parameters.
+    The first frames attend to the seed pose first. Norms follow additions and have no parameters.
     """
 
     def __init__(self) -> None:
@@ -229,7 +228,7 @@ def make_network(part: OfficialNetwork) -> nn.Module:
 
 def load_network(part: OfficialNetwork, path: Path) -> nn.Module:
     """Load a network from a file that has exactly its weights."""
-    tensors = read_tensors(path)
+    tensors = read_torch_checkpoint(path)
     with torch.device("meta"):
         wanted = make_network(part).state_dict()
     check_tensors(

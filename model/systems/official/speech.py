@@ -83,8 +83,8 @@ def _by_model(folder: Path) -> SpeechModel:
         ) from error
     if kind not in MODELS or width != SPEECH_DIM:
         raise EncoderError(
-            f"{folder} holds a {kind} of width {width}; the authors' networks need a wavlm or "
-            f"hubert of width {SPEECH_DIM}."
+            f"{folder} holds a {kind} with hidden size {width}; the authors' networks need a wavlm "
+            f"or hubert with hidden size {SPEECH_DIM}."
         )
     return wavlm.load_speech_model(folder, MODELS[kind])[0]
 
@@ -97,9 +97,9 @@ def _prepared(path: Path) -> SpeechModel:
         needed = len(windows)
         if len(features) != needed and not (needed == 1 and len(features) == 2):
             raise EncoderError(
-                f"{path.name} holds features of {len(features)} windows, but this speech needs "
-                f"{needed}, one every {STEP_SAMPLES} samples at 16 kHz; prepare features of this "
-                "speech."
+                f"{path.name} holds features of {len(features)} windows, but this speech has "
+                f"{needed} (one begins every {STEP_SAMPLES} samples at 16 kHz); give a file of "
+                "features of this speech."
             )
         return features[:needed]
 
@@ -119,8 +119,8 @@ def read_features(path: Path) -> Float32[Tensor, "n 60 1024"]:
     is_right = array.ndim == 3 and array.shape[1] in (WINDOW_FRAMES, 99)
     if not is_right or array.shape[2] != SPEECH_DIM or array.dtype.kind != "f":
         raise EncoderError(
-            f"{path.name} holds {array.dtype} of the shape {array.shape}; features must be "
-            f"(windows, {WINDOW_FRAMES} or 99, {SPEECH_DIM})."
+            f"{path.name} holds {array.dtype} of the shape {array.shape}; features must be floats "
+            f"of shape (windows, {WINDOW_FRAMES} or 99, {SPEECH_DIM})."
         )
     features = torch.from_numpy(array.astype(np.float32))
     if not features.isfinite().all():

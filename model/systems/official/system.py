@@ -34,7 +34,7 @@ from model.systems.official.speech import frames_to_window, official_encoder
 
 FILTER = torch.tensor([-2.0, 3.0, 6.0, 7.0, 6.0, 3.0, -2.0]) / 21
 """Savitzky-Golay filter of 7 frames, order 2."""
-FILTERED_FROM = 5
+FILTER_INPUT_START = 5
 """First frame (index) of the input of the authors' filter, which has no padding."""
 STANDING_POSE = {
     "left_shoulder": (0.0, -0.1, -1.0),
@@ -125,8 +125,8 @@ def orthonormalise_rotations(vectors: Float[Tensor, "B T 333"]) -> Float[Tensor,
 def smoothed(vectors: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
     """Apply the authors' filter: the first 8 frames and the last 3 are unchanged."""
     frames = len(FILTER)
-    smooth = vectors[:, FILTERED_FROM:].unfold(1, frames, 1) @ FILTER.to(vectors)
-    middle = slice(FILTERED_FROM + frames // 2, vectors.shape[1] - frames // 2)
+    smooth = vectors[:, FILTER_INPUT_START:].unfold(1, frames, 1) @ FILTER.to(vectors)
+    middle = slice(FILTER_INPUT_START + frames // 2, vectors.shape[1] - frames // 2)
     changed = vectors.clone()
     changed[:, middle] = smooth
     return changed

@@ -88,7 +88,7 @@ def _with_plan_conditioning(base: GlobalDiffTrainConfig, system: str) -> Planned
 
 FAMILY = Family(
     name="planned",
-    title="Plan first, then motion: our own",
+    title="Plan first, then motion (our own system)",
     systems=(PLANNED,),
     descriptions={
         PLANNED: (

@@ -34,20 +34,20 @@ ANKLE_M = 0.074
 """Height of the open body's ankle over the floor with its sole flat (m)."""
 LIFT_M = 0.035
 """Lift of the foot at a step's highest point (m)."""
-TIPTOE_DEG = 350.0
+TOE_DROP_DEG_PER_M = 350.0
 """Angle of the hanging toes per metre of lift (degrees)."""
 STEP_S = 1.0
 """Longest step (s); a foot that is off the ground for longer is not lifted here."""
 LANDING_S = 0.2
 """Time (s) in which a landing foot comes to rest."""
-MIN_BEND = np.radians(4.0)
+MIN_KNEE_BEND_RAD = np.radians(4.0)
 """Smallest bend of a knee (rad). The pelvis is lowered where a leg would be too short."""
 _SOFT_LEG_M = 0.003
 _STOOD = "stood"
 _KNEE_AXIS = np.array([1.0, 0.0, 0.0])
 
 
-class LimbConstraints:
+class HandFootConstraint:
     """Constraints of hands and feet for one sample (`model.generation.base.MotionConstraint`).
 
     Args:
@@ -182,7 +182,7 @@ class FootLock:
                     (swing > 0) & (swing < 1), np.sin(np.pi * swing) ** 2, 0.0
                 )
         ankle = np.stack([path[:, 0], ANKLE_M + lift, path[:, 1]], axis=1)
-        sole = np.stack([turn, np.radians(TIPTOE_DEG) * lift], axis=1)
+        sole = np.stack([turn, np.radians(TOE_DROP_DEG_PER_M) * lift], axis=1)
         return ankle, Rotation.from_euler("YX", sole).as_matrix()
 
     def _stands(self, side: Side) -> Iterator[tuple[FootContact, int | None]]:
@@ -215,7 +215,7 @@ def _leg(side: Side) -> tuple[tuple[int, int, int], HingedLimb]:
 
 def _hip_clearance(limb: HingedLimb, span: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
     """Compute how much higher the hip could be (m); negative where the leg is too short."""
-    longest = limb.length_at_bend(np.full(len(span), MIN_BEND))
+    longest = limb.length_at_bend(np.full(len(span), MIN_KNEE_BEND_RAD))
     aside = np.minimum((span[:, [0, 2]] ** 2).sum(1), 0.99 * longest**2)
     return np.sqrt(longest**2 - aside) + span[:, 1]
 
@@ -225,8 +225,7 @@ def _back(rotmat: Float[np.ndarray, "T 3 3"]) -> Float[np.ndarray, "T 3 3"]:
 
 
 HAND_GUIDE_WEIGHT = 0.6
-"""Share of the distance by which wrists move towards the plan's. People are 3.8 cm off on average;
-this leaves 3.2."""
+"""Share of the way wrists move to the plan's. People are 3.8 cm off (mean); this leaves 3.2."""
 SOFT_FRAMES = 1.5
 """Deviation (frames) of the Gaussian on the planned path, which starts with a jolt. At 1 fingertips
 had 1.19 times the recorded power above 5 Hz, at 1.5 .96, with strokes as often in time."""

@@ -184,9 +184,9 @@ def _silu(x: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
     return x / (1 + np.exp(-x))
 
 
-KINDS = len(TIERS)
+KIND_KEY = len(TIERS)
 """Key that separates the draw of gesture types from those of tiers."""
-_CALLED = KINDS + 1
+_CALLED_STROKE_KEY = KIND_KEY + 1
 """Key of the draw of strokes on words."""
 
 
@@ -223,11 +223,11 @@ class Planner:
             for drawer in drawers.values():
                 drawer.draw(frame, drawers)
         chains = {name: drawer.chain for name, drawer in drawers.items()}
-        rng = np.random.default_rng([*spec.clip_noise_key, KINDS])
+        rng = np.random.default_rng([*spec.clip_noise_key, KIND_KEY])
         plan = self.kinds.sample_kinds(
             plan_features.chains_to_plan(chains, num_frames), spec.speaker_index, spec.words, rng
         )
-        chances = np.random.default_rng([*spec.clip_noise_key, _CALLED])
+        chances = np.random.default_rng([*spec.clip_noise_key, _CALLED_STROKE_KEY])
         return self.kinds.add_word_strokes(plan, spec.words, chances)
 
     def make_samplers(

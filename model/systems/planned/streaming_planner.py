@@ -24,9 +24,9 @@ from model.plan.kinds import FOLLOW_BEATS, GesturePhases, KindTable, Position, g
 from model.plan.plan import PHASES, SIDES, STILL_PHASES, GesturePlan, HandPhase, Side, StreamedPlan
 from model.plan.plan_features import TIERS_BY_NAME, EventOnset, chains_to_plan
 from model.plan.style import LiveStyle
-from model.systems.planned.planner import KINDS, Planner
+from model.systems.planned.planner import KIND_KEY, Planner
 
-BEFORE_FRAMES = 90
+PAST_PLAN_FRAMES = 90
 """Frames of the plan before the first requested one."""
 NUM_PAST_EVENTS = 3
 """Number of events of each tier that are stored from before that."""
@@ -65,7 +65,7 @@ class StreamingPlanner:
         """Plan further (`ConditionStream.advance`)."""
         first_open = max(first_open, self._final)
         self._draw(features_of, first_open, stop)
-        origin = first - BEFORE_FRAMES
+        origin = first - PAST_PLAN_FRAMES
         for drawer in self._drawers.values():
             drawer.forget_before(origin, NUM_PAST_EVENTS)
         chains = {name: drawer.chain for name, drawer in self._drawers.items()}
@@ -121,7 +121,7 @@ class StreamingPlanner:
             drawer.rewind(first_open, keeps_next_event=_is_uninterruptible(name, state))
         self._final = first_open
         for cache in (self._kinds, self._goals):
-            for key in [key for key in cache if key[1] < origin - 10 * BEFORE_FRAMES]:
+            for key in [key for key in cache if key[1] < origin - 10 * PAST_PLAN_FRAMES]:
                 del cache[key]
 
     def _annotated_plan(self, plan: GesturePlan, origin: int, first_open: int) -> GesturePlan:
@@ -156,7 +156,7 @@ class StreamingPlanner:
             if partner:
                 return partner
         side = SIDES.index(stroke.side)
-        rng = np.random.default_rng([*self._spec.clip_noise_key, KINDS, side, max(0, begins)])
+        rng = np.random.default_rng([*self._spec.clip_noise_key, KIND_KEY, side, max(0, begins)])
         return table.sample_kind(stroke, self._spec.speaker_index, rng)
 
     def _shaped(

@@ -13,13 +13,13 @@ from conventions.joints import JOINT_INDEX
 from model.generation.base import WindowSpec
 from model.networks.trained import TrainedWeights
 from model.plan.plan import GesturePlan
-from model.plan.plan_features import FACE_TRACKS, NUM_TRACKS, both_hands_rest_weight
+from model.plan.plan_features import HEAD_FACE_TRACKS, NUM_TRACKS, both_hands_rest_weight
 from model.sampling.flow import ClassifierFreeGuidance
 from model.storage.cards import CheckpointError
 from model.systems.face.face import face_first_fields
 from model.systems.globaldiff.system import GlobalDiffSystem
 from model.systems.planned.config import FAMILY, PLANNER, PlannedNetworkConfig
-from model.systems.planned.limb_constraints import LimbConstraints
+from model.systems.planned.limb_constraints import HandFootConstraint
 from model.systems.planned.network import PlannedNetwork
 from model.systems.planned.planner import Planner, load_planner
 from model.systems.planned.streaming_planner import StreamingPlanner
@@ -29,15 +29,15 @@ MOTION_GUIDANCE = 1.4
 HEAD_GUIDANCE = 2.4
 """Guidance scale of neck and head, which were .65 times as fast as people's at the common scale.
 More noise would drown the effect of speech on them."""
-NOISE_SHARE = 0.45
+NOISE_SCALE = 0.45
 """Factor of the noise at the start of the flow. With less noise and more of the plan there is as
 much motion, and more of it is planned."""
-TRUNK_NOISE_SHARE = 0.85
+TRUNK_NOISE_SCALE = 0.85
 """Factor of the noise in the spine, which the plan hardly determines. With the hands' factor it
 moved half as fast as people's and the same for all speakers."""
 TRUNK = ("spine1", "spine2", "spine3")
-REST_NOISE_SHARE = 0.1
-"""`NOISE_SHARE` while both hands rest: with the common factor arms moved at 15 degrees a second
+REST_NOISE_SCALE = 0.1
+"""`NOISE_SCALE` while both hands rest: with the common factor arms moved at 15 degrees a second
 through silence, in the corpus at 5."""
 
 
@@ -66,8 +66,8 @@ class PlannedSystem(GlobalDiffSystem):
         self,
         condition: GesturePlan | None,
         state: Mapping[str, Shaped[Tensor, " ..."]] | None = None,
-    ) -> LimbConstraints:
-        return LimbConstraints(condition, state or {})
+    ) -> HandFootConstraint:
+        return HandFootConstraint(condition, state or {})
 
     def conditioning(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, spec: WindowSpec
@@ -86,8 +86,8 @@ class PlannedSystem(GlobalDiffSystem):
         rest = torch.from_numpy(
             both_hands_rest_weight(spec.condition, range(first, first + noise.shape[1]))
         ).float()
-        share = (NOISE_SHARE + (REST_NOISE_SHARE - NOISE_SHARE) * rest)[:, None]
-        return share * noise + (TRUNK_NOISE_SHARE - share) * self._trunk_noise(noise)
+        share = (NOISE_SCALE + (REST_NOISE_SCALE - NOISE_SCALE) * rest)[:, None]
+        return share * noise + (TRUNK_NOISE_SCALE - share) * self._trunk_noise(noise)
 
     def _trunk_noise(self, noise: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
         """Return the noise that moves the trunk's joints alone; components move many joints."""
@@ -126,7 +126,7 @@ class PlannedSystem(GlobalDiffSystem):
     def face_tracks(
         self, conditioning: Float[Tensor, "T_ctx dim"]
     ) -> Float[Tensor, "T_ctx tracks"]:
-        return conditioning[:, self.encoder.dim :][:, FACE_TRACKS].contiguous()
+        return conditioning[:, self.encoder.dim :][:, HEAD_FACE_TRACKS].contiguous()
 
 
 def load(name: str, folder: Path) -> PlannedSystem:

@@ -13,13 +13,13 @@ from renderer.figures.errors import FigureError
 from renderer.figures.style import MAX_SYSTEMS, PAGE_MM, SeriesStyle, series_styles
 
 CUT_OFF_HZ, ORDER = 5.0, 4
-MIN_FRAMES = 32
+MIN_TREMOR_FRAMES = 32
 """Shortest window (frames) for tremor: about a second, so that the 5 Hz filter can separate it."""
 WINDOW_FRAMES = 300
 SNAPSHOT_EVERY = 50
 PANELS = ("a", "b", "c", "d")
 """Panels: coordinates (a), snapshots (b), path in space (c), tremor (d)."""
-MOST_IN_ONE_PLOT = 2
+MAX_SYSTEMS_IN_ONE_PLOT = 2
 """Largest number of systems in one plot, as in the paper; with more, each has its own row."""
 ONE_SEED_CAVEAT = (
     "The figure shows one clip and one noise seed: it is an example, not a comparison of the "
@@ -37,8 +37,9 @@ _FILTERED: dict[PostFilter, str] = {
     "savgol": "All curves show filtered motion (Savitzky-Golay, 7 frames, order 2).",
 }
 _TIP_SOURCES = {
-    "rigid": "The fingertip is fixed to the last finger joint of the open skeleton.",
-    "joint": "The tracked joint is taken from the open body's skeleton.",
+    "rigid": "The fingertip is rigidly attached to the last finger joint of the bundled open "
+    "body's skeleton.",
+    "joint": "The tracked joint is taken from the bundled open body's skeleton.",
     "joint of the body": "The tracked joint is taken from the licensed SMPL-X body.",
 }
 
@@ -67,7 +68,7 @@ class JointMarks:
     def caption(self) -> str:
         return (
             "Marks on the snapshots show each joint's jerk at about that time. They are largest and"
-            f" darkest from {self.full_scale:g} m/s³; joints below"
+            f" darkest at {self.full_scale:g} m/s³ and above; joints below"
             f" {MIN_MARK_STRENGTH * self.full_scale:g} m/s³ have no mark."
         )
 
@@ -141,7 +142,7 @@ class Figure6:
         if not self.panels:
             raise FigureError(
                 f"None of the requested panels ({', '.join(self.requested_panels)}) can be drawn:"
-                f" panel b needs snapshots, and panel d (tremor) needs at least {MIN_FRAMES}"
+                f" panel b needs snapshots, and panel d (tremor) needs at least {MIN_TREMOR_FRAMES}"
                 f" frames; the motion has {self.window_num_frames}."
             )
 
@@ -187,7 +188,7 @@ class Figure6:
     @cached_property
     def panels(self) -> tuple[str, ...]:
         """Requested panels that have data, in the order of `PANELS`."""
-        has = {"b": bool(self.snapshots), "d": self.window_num_frames >= MIN_FRAMES}
+        has = {"b": bool(self.snapshots), "d": self.window_num_frames >= MIN_TREMOR_FRAMES}
         return tuple(
             letter for letter in PANELS if letter in self.requested_panels and has.get(letter, True)
         )
@@ -204,7 +205,7 @@ class Figure6:
     @property
     def is_in_one_plot(self) -> bool:
         """True if all curves share plots; otherwise each motion has small plots."""
-        return len(self.motion_names) - (self.reference is not None) <= MOST_IN_ONE_PLOT
+        return len(self.motion_names) - (self.reference is not None) <= MAX_SYSTEMS_IN_ONE_PLOT
 
     @property
     def window_snapshot_frames(self) -> tuple[int, ...]:
@@ -236,7 +237,7 @@ class Figure6:
             self._tremor_caption if "d" in self.panels else "": True,
             _TIP_SOURCES.get(
                 self.tracked_point_source,
-                f"The fingertip is {self.tracked_point_source} of the licensed body.",
+                f"The fingertip is {self.tracked_point_source} of the licensed SMPL-X body.",
             ): self.tracked_point_source,
             _FILTERED[self.post_filter]: True,
             self.caveat: self.caveat,

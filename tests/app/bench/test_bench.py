@@ -51,7 +51,7 @@ def test_the_naive_loop_draws_the_same_body():
 def test_every_stage_and_video_costs_something(tmp_path):
     costs = drawing.measure_render_stages(waving_motion(8), tmp_path)
     names = [cost.name.partition(",")[0] for cost in costs]
-    naive = "speed-up of our drawing over a plain pyrender loop"
+    naive = "speed-up of our rendering over a plain pyrender loop"
     assert names == ["skinning", "normals", "ground shadow", "drawing", "encoding", naive]
     costs += drawing.measure_video_rates(waving_motion(8), tmp_path)
     assert all(cost.value > 0 and cost.value_by_cpu_time for cost in costs)

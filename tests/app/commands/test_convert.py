@@ -9,7 +9,7 @@ import pytest
 
 from app.commands.cli import main
 from conventions.joints import HANDS
-from model.formats.convention_detection import RELAXED_HANDS
+from model.formats.convention_detection import MEAN_HANDS_SUBSTITUTE
 from model.formats.read import read_any_motion
 from model.motion.motion import load_motion
 from tests.model.formats.made import FROM_Y, Person, joints_of, turned
@@ -21,7 +21,7 @@ MOTION = Person(3).motion(20)
 def z_up(tmp_path: Path) -> Path:
     """Z up, in centimetres, with hands told from the mean hand."""
     poses, trans = turned(MOTION, FROM_Y["z"])
-    poses[:, list(HANDS)] -= RELAXED_HANDS
+    poses[:, list(HANDS)] -= MEAN_HANDS_SUBSTITUTE
     path = tmp_path / "theirs.npz"
     np.savez(path, poses=poses, trans=100 * trans, fps=np.array(30))
     return path

@@ -98,8 +98,8 @@ def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
         assert told("attribution", a=a) == words
         if words == few:
             words = (
-                f"{start} right elbow in b (by 30 %); in a, no single joint reduces it by 5 % or "
-                "more."
+                f"{start} right elbow in b (by 30 %); in a, smoothing one joint reduces it by "
+                "less than 5 %."
             )
             assert told("attribution", a=a, b=b) == words
 
@@ -317,7 +317,7 @@ def test_samples_give_an_interval_and_where_they_do_not_tell_systems_apart_show_
     other = {f"globaldiff_full{end}": 100.0 for end in ends}
     for local, shows, words in (
         (apart, "as the paper claims", "50 % less (47 to 52 %)."),
-        (open_, "unlike the paper's claim", "no clear difference."),
+        (open_, "contrary to the paper's claim", "no clear difference."),
     ):
         words = f"Jerk of full, which also has global rotations, compared with local: {words}"
         verdict = said(**local, **other)

@@ -113,7 +113,7 @@ def test_frames_follow_the_speech_as_the_model_makes_them_and_can_be_kept(
     assert [first for first, *_ in headers] == list(np.cumsum([0] + [h[1] for h in headers])[:-1])
     made = sum(count for _, count, *_ in headers)
     assert 90 - 9 - 9 - 3 <= made <= 90 - 9
-    kept = session.save_recording(tmp_path).live_recording
+    kept = session.save_last_minute(tmp_path).live_recording
     assert kept is not None
     motion = load_motion(kept.motion)
     assert motion.num_frames == made and kept.metadata["first_frame_of_session"] == 0
@@ -436,9 +436,9 @@ def test_everyone_gets_a_window_before_anyone_gets_a_second(sessions):
 
 
 def test_places_are_bounded_in_all_and_for_each_address(sessions, monkeypatch, told):
-    assert (module.MAX_SESSIONS, module.MAX_SESSIONS_EACH) == (10, 6)  # as the README has it
+    assert (module.MAX_SESSIONS, module.MAX_SESSIONS_PER_ADDRESS) == (10, 6)  # as the README has it
     monkeypatch.setattr(module, "MAX_SESSIONS", 4)
-    monkeypatch.setattr(module, "MAX_SESSIONS_EACH", 2)
+    monkeypatch.setattr(module, "MAX_SESSIONS_PER_ADDRESS", 2)
     first, _, _ = (sessions.begin("", told.append, address="10.0.0.1") for _ in range(3))
     assert "Your network address already has 2 live sessions" in told[-1]
     for k in range(2):
@@ -466,23 +466,23 @@ def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(
     number = sessions.begin("mine", told.append)
     token = told[0]["token"]
     with pytest.raises(RunError, match="Speak for at least"):
-        sessions.save_recording(token, "mine", tmp_path)
+        sessions.save_last_minute(token, "mine", tmp_path)
     put_all(sessions, number, 2.9)
     sessions.performers.generate_next_window()
     sessions.performers.generate_next_window()
-    kept = sessions.save_recording(token, "mine", tmp_path)
+    kept = sessions.save_last_minute(token, "mine", tmp_path)
     assert kept.sampling == OPTIONS
     assert (
         kept.live_recording is not None and load_motion(kept.live_recording.motion).num_frames > 60
     )
     sessions.close(number)
-    assert sessions.save_recording(token, "mine", tmp_path) == kept
+    assert sessions.save_last_minute(token, "mine", tmp_path) == kept
     for other, cookie in ((token, "yours"), (token, ""), ("x", "mine"), ("ü", "")):
         with pytest.raises(RunError, match="no live recording"):
-            sessions.save_recording(other, cookie, tmp_path)
+            sessions.save_last_minute(other, cookie, tmp_path)
     monkeypatch.setattr(module, "KEEP_S", -1.0)
     with pytest.raises(RunError, match="no live recording"):
-        sessions.save_recording(token, "mine", tmp_path)
+        sessions.save_last_minute(token, "mine", tmp_path)
     assert not sessions.performers.ended and not sessions._callbacks
 
 

@@ -201,7 +201,7 @@ def test_few_wait_from_one_address(page):
             assert page.ask(f"x{number}").status_code == 200
         one_more = page.ask("x5")
         assert one_more.status_code == 400
-        assert f"{MAX_OF_ADDRESS} requests from your address" in one_more.json()["detail"]
+        assert f"{MAX_OF_ADDRESS} requests from your IP address" in one_more.json()["detail"]
         assert page.ask("y").status_code == 200
 
 

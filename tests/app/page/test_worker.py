@@ -147,7 +147,10 @@ def test_what_takes_too_long_is_ended(limits, words):
     [
         (ends.segfault, ["signal 11 (SIGSEGV)", "Segmentation fault", "new process", "report"]),
         (ends.leave_with_3, ["with exit status 3", "the last words of it", "report"]),
-        (ends.terminate, ["by signal 15 (SIGTERM), which another program sent", "start it again"]),
+        (
+            ends.terminate,
+            ["by signal 15 (SIGTERM), which another program sent", "start the run again"],
+        ),
         (kill, ["by signal 9 (SIGKILL)", "reports no lack of memory"]),
         (run_out_of_memory, ["ran out of memory (according to its log)", "are limited to 4.0 GB"]),
         (ends.take_five_gigabytes, ["ran out of memory"]),

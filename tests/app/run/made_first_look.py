@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from app.config import EXAMPLES
-from app.run.bodies import PointTracker, align_and_cut_motions
+from app.run.bodies import PointTracker, align_and_cap_lengths
 from app.run.examples import FIRST_LOOK, FIRST_LOOK_METADATA, FIRST_MOTION
 from app.run.output.run_folder import SPEECH, RunRecord
 from app.run.pipeline import generate
@@ -42,7 +42,7 @@ def make_first_look(out: Path) -> None:
     motions = {FIRST_MOTION.stem: motion}
     record = RunRecord(kind="imported", tracked_point=DEFAULT_TRACKED_POINT)
     with open_run_writer(out, record) as run:
-        shown, _ = align_and_cut_motions(motions)
+        shown, _ = align_and_cap_lengths(motions)
         run.write_timeline(
             run.write_motions_and_make_timeline(shown, speech, tracker, ask.sampling.weights),
             EMPTY_TRANSCRIPT,

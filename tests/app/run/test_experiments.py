@@ -82,7 +82,9 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     assert told["guidance"] == 4.0
     arms = told["parts"]["arms"]
     assert arms["by_speech"] == pytest.approx(arms["same_speech"] - arms["neither"])
-    assert (out / "speech_effect.txt").read_text().endswith("Numbers by protocol workbench/1.\n")
+    assert (
+        (out / "speech_effect.txt").read_text().endswith("Metrics follow protocol workbench/1.\n")
+    )
     rows = csv_rows(out / "speech_effect.csv")
     assert {told["protocol"], *(row["protocol"] for row in rows)} == {"workbench/1"}
     assert [row["part"] for row in rows] == ["arms", "head", "brows", "jaw"]
@@ -246,7 +248,7 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(
     told = " ".join(record.notes)
     assert "Noise of 0.05 rad on every joint moves the right middle fingertip" in told
     assert "times as far as with global noise (predicted from lever arms" in told
-    assert "Equal noise is an assumption" in told
+    assert "This assumes equal noise" in told
     moved = np.abs(np.diff(frames.astype(int), axis=0))
     assert moved[:, :, :192].mean() > moved[:, :, 192:].mean(), "the left one trembles more"
 
@@ -258,7 +260,7 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(
     )
     caption = (asked.output.out / "error_growth.txt").read_text()
     assert "error_growth.png" in record.files and "0.05 rad" in caption
-    assert "by protocol workbench/1." in caption
+    assert "follow protocol workbench/1." in caption
     clean = load_motion(asked.motion)
     rows = record.rows[: len(NOISY_MOTION_NAMES)]
     on_local, on_global = (load_motion(asked.output.out / row.files["motion"]) for row in rows)
@@ -328,7 +330,7 @@ def test_points_are_what_generation_and_measures_say(
         else "with each smaller number of sampling steps tested, fingertip jerk is over"
     )
     assert record.message == "Measured 2 motions." and words in record.notes[0]
-    assert (out / "steps.txt").read_text().endswith("Numbers by protocol workbench/1.\n")
+    assert (out / "steps.txt").read_text().endswith("Metrics follow protocol workbench/1.\n")
     rows = csv_rows(out / "steps.csv")
     assert {each["protocol"] for each in (*table, *rows)} == {"workbench/1"}
     assert [row["steps"] for row in rows] == ["1", "3"]

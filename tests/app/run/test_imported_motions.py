@@ -22,7 +22,7 @@ from app.run.examples import (
     TWO_MINUTES,
     add_tremble,
     inject_faults,
-    write_faulty_example_files,
+    write_faulty_example,
 )
 from app.run.imported_motions import protocol_inputs
 from app.run.output.provenance import motion_labels
@@ -372,7 +372,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_every_planted_fault_is_found(tmp_path: Path) -> None:
-    path, reference, speech, transcript = write_faulty_example_files(tmp_path)
+    path, reference, speech, transcript = write_faulty_example(tmp_path)
     request = diagnose_request(
         motions=(Path(path),),
         out=tmp_path / "out",

@@ -22,7 +22,7 @@ from app.run.output.run_folder import RunRecord, read_run
 from app.run.pipeline import redraw_figure6, run
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import FIGURE_PANELS, LiveRecording
-from app.run.requests.requests import AnyRun, FigureRequest
+from app.run.requests.requests import AnyRun, Figure6Request
 from app.run.tasks import RunResult
 from model.motion.motion import load_motion, save_motion
 from model.plan.files import read_plan_file, write_plan_file
@@ -166,7 +166,7 @@ def test_figure_6_of_a_finished_run_is_drawn_again_from_its_folder(
     whole: Whole, tmp_path: Path
 ) -> None:
     run_folder = whole[0].out
-    same = FigureRequest(run=run_folder, out=tmp_path / "figure6", body=None)
+    same = Figure6Request(run=run_folder, out=tmp_path / "figure6", body=None)
     same = replace_fields(same, start_frame=5, figure_formats=("png",))
     picture, caption = redraw_figure6(same)
     assert caption.read_text() == (run_folder / "figure6.txt").read_text()

@@ -15,7 +15,7 @@ from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks, RunEven
 from app.run.output.run_folder import Row, drop_unfinished_edits, read_run, zip_run
 from app.run.pipeline import generate
 from app.run.plan_edits.edited_motion import EditResult, PlanEditRequest, regenerate_edited
-from app.run.plan_edits.edits import MAX_EDITS, Edit, apply_edits, parse_edits, suggest_edits
+from app.run.plan_edits.edits import MAX_EDITS, Edit, apply_edits, find_alternatives, parse_edits
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun
 from model.motion.motion import load_motion
@@ -119,7 +119,7 @@ def test_head_and_eyes_are_edited_alike(plan):
     there = (("nods", 3.01), ("looks", 13.5), ("blinks", 3.5))
     gone = done(made, *({"do": "remove", "list": each, "at": at} for each, at in there)).plan
     assert not gone.nods and not gone.looks and not gone.blinks
-    with pytest.raises(PlanError, match=r"no nods at 8.00 s"):
+    with pytest.raises(PlanError, match=r"'nods' has no event at 8.00 s"):
         done(plan, {"do": "remove", "list": "nods", "at": 8.0})
 
 
@@ -137,7 +137,7 @@ def test_a_plan_from_a_file_takes_its_place(plan):
     short = GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),))
     with pytest.raises(PlanError, match=r"lasts 3.00 s and the speech 14.00 s"):
         done(plan, {"do": "plan", "name": "x.json", "text": short.as_json()})
-    with pytest.raises(PlanError, match=r"ends in '.exe'; a plan file must end in .json"):
+    with pytest.raises(PlanError, match=r"has the wrong suffix; a plan file must end in .json"):
         done(plan, {"do": "plan", "name": "x.exe", "text": ""})
     with pytest.raises(PlanError, match="not a plan of format"):
         done(plan, {"do": "plan", "name": "../../x.json", "text": "[1]"})
@@ -151,7 +151,7 @@ def test_where_there_is_no_time_the_nearest_place_and_that_of_what_is_there_are_
         (edit,) = parse_edits([told])
         with pytest.raises(PlanError, match="there is no time"):
             apply_edits(plan, (edit,), WORDS)
-        nearest, instead = suggest_edits(plan, edit, WORDS)
+        nearest, instead = find_alternatives(plan, edit, WORDS)
         assert (
             nearest.label == f"Nearest free time, {at} s"
             and instead.label == "Replace the 'frame' gesture"
@@ -160,7 +160,7 @@ def test_where_there_is_no_time_the_nearest_place_and_that_of_what_is_there_are_
         made = done(plan, *(each.as_json() for each in instead.edits)).plan
         assert (lands(made, "right"), lands(made, "left")) == (left, [])
     (fits,) = parse_edits([{"do": "add", "kind": "you", "at": 9.0}])
-    assert suggest_edits(plan, fits, WORDS) == ()
+    assert find_alternatives(plan, fits, WORDS) == ()
 
 
 def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):

@@ -27,7 +27,7 @@ from app.run.output.run_folder import (
     make_rows,
     noise_group,
     read_run,
-    safe_suffix,
+    suffix_or_empty,
     zip_run,
 )
 from app.run.pipeline import make_run_record, run
@@ -425,7 +425,7 @@ def test_of_a_run_s_zip_only_what_its_record_names_is_unpacked(tmp_path: Path) -
 def test_what_a_file_s_name_ends_in_never_makes_a_run_that_cannot_be_read(tmp_path: Path) -> None:
     (row,) = make_rows(["a"])
     for name, ending in (("a.BVH", ".bvh"), ("a.npz-copy_of_a_run", ""), ("a", ""), ("a.b c", "")):
-        row.source_suffix = safe_suffix(Path(name))
+        row.source_suffix = suffix_or_empty(Path(name))
         assert row.source_suffix == ending
         RunRecord(kind="imported", tracked_point="right_wrist", rows=[row]).write(tmp_path / RUN)
         assert read_run(tmp_path).rows[0].source_suffix == ending

@@ -14,21 +14,28 @@ from app.errors import Cancelled, RunError
 from app.run.bodies import (
     FOOT_JOINT_HEIGHT_M,
     PointTracker,
-    align_and_cut_motions,
-    align_to_origin,
+    align_and_cap_lengths,
+    align_average_to_origin,
     alignment_to_origin,
     body_motion,
 )
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks, StageProgress
-from app.run.display import MAX_SHOWN, Mode, ViewerBody, ViewerPanel, ViewerSettings, ViewerState
+from app.run.display import (
+    MAX_VIDEO_BODIES,
+    Mode,
+    ViewerBody,
+    ViewerPanel,
+    ViewerSettings,
+    ViewerState,
+)
 from app.run.examples import CLEAN
 from app.run.output.result_folder import ResultFolder
 from app.run.pipeline import _draw_poses, _render_videos, _small
 from app.run.requests.requests import ViewerVideoRequest
 from app.run.videos import videos, viewer_recording
 from app.run.videos.videos import (
-    AROUND_FRAMES,
     LEAST_FULL_SCALE,
+    MEAN_JERK_RADIUS_FRAMES,
     choose_compared_motions,
     jerk_marks,
 )
@@ -98,8 +105,8 @@ def test_motions_of_other_places_are_laid_onto_each_other() -> None:
         motion = load_motion(CLEAN).part(slice(60))
         elsewhere = moved(motion, degrees)
         skeleton = open_body_skeleton()
-        own = track_points(align_to_origin(motion), skeleton).joints
-        theirs = track_points(align_to_origin(elsewhere), skeleton).joints
+        own = track_points(align_average_to_origin(motion), skeleton).joints
+        theirs = track_points(align_average_to_origin(elsewhere), skeleton).joints
         np.testing.assert_allclose(theirs, own, atol=1e-4)
         across = own[:, JOINT_INDEX["left_hip"]] - own[:, JOINT_INDEX["right_hip"]]
         assert abs(across[:, 2].mean()) < 1e-4 < across[:, 0].mean()
@@ -107,7 +114,7 @@ def test_motions_of_other_places_are_laid_onto_each_other() -> None:
         feet = own[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]], 1].min(axis=1)
         assert np.median(feet) == pytest.approx(FOOT_JOINT_HEIGHT_M, abs=1e-5)
         again = alignment_to_origin(
-            align_to_origin(elsewhere)
+            align_average_to_origin(elsewhere)
         )  # what a player is told has been done
         assert again.yaw_rad == pytest.approx(0, abs=1e-4)
         assert again.translation_m == pytest.approx((0, 0, 0), abs=1e-4)
@@ -116,7 +123,7 @@ def test_motions_of_other_places_are_laid_onto_each_other() -> None:
 def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.run.bodies.MAX_FRAMES", 60)
     motion = load_motion(CLEAN)
-    pictured, notes = align_and_cut_motions({"long": motion, "short": motion.part(slice(20))})
+    pictured, notes = align_and_cap_lengths({"long": motion, "short": motion.part(slice(20))})
     assert [each.num_frames for each in pictured.values()] == [30, 20]
     assert notes == ("The viewer and the videos show only the first 1 s of long.",)
 
@@ -150,7 +157,7 @@ def test_all_bodies_of_a_run_are_in_register(
         body=body,
         audio_path=tmp_path / "s.wav",
         tracker=tracker,
-        align=align_to_origin,
+        align=align_average_to_origin,
     )
     run: Any = RunCallbacks()
     with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
@@ -199,7 +206,7 @@ def test_the_shaken_joint_stands_out_where_it_is_shaken() -> None:
 
     values = marks.joint_jerk
     assert values["shaken"].shape == (3, 55) and marks.pixels["shaken"].shape == (3, 55, 2)
-    assert 40 + AROUND_FRAMES < 60
+    assert 40 + MEAN_JERK_RADIUS_FRAMES < 60
     np.testing.assert_allclose(values["shaken"][:2], values["smooth"][:2], rtol=1e-3, atol=0.5)
     assert values["shaken"][2, wrist] > 5 * values["smooth"][2, wrist]
     assert values["shaken"][2, elbow] < 2 * values["smooth"][2, elbow]  # it turns, and stays
@@ -237,7 +244,7 @@ def test_what_no_stage_shows_is_refused() -> None:
             "views do not match the bodies",
         ),
         (
-            {"bodies": many, "visible": tuple(range(MAX_SHOWN + 1))},
+            {"bodies": many, "visible": tuple(range(MAX_VIDEO_BODIES + 1))},
             "1 to 12 bodies; the viewer shows 13",
         ),
         ({"visible": ()}, "the viewer shows 0"),

@@ -10,9 +10,9 @@ import pytest
 from app.errors import RunError
 from app.study.design import blinding
 from app.study.design.blinding import (
+    agreement_p_value,
     blind_id_leaks,
     make_key,
-    order_p_value,
     stimulus_ids,
     value_leaks,
 )
@@ -233,11 +233,11 @@ def test_what_a_study_asks_is_counted_as_by_hand(tmp_path):
 
 def test_the_probability_of_perfect_agreement_is_exact():
     scene = {"a": 1.0, "b": 2.0, "c": 3.0}
-    assert order_p_value([scene]) == 1.0
-    assert order_p_value([scene] * 2) == pytest.approx(1 / 6)
-    assert order_p_value([scene] * 4) == pytest.approx(1 / 6**3)
-    assert order_p_value([{"a": 1.0, "b": 2.0}] * 8) == pytest.approx(1 / 2**7)
-    assert order_p_value([dict.fromkeys("abc", 5.0)] * 6) == 1.0  # equal values tell nothing
+    assert agreement_p_value([scene]) == 1.0
+    assert agreement_p_value([scene] * 2) == pytest.approx(1 / 6)
+    assert agreement_p_value([scene] * 4) == pytest.approx(1 / 6**3)
+    assert agreement_p_value([{"a": 1.0, "b": 2.0}] * 8) == pytest.approx(1 / 2**7)
+    assert agreement_p_value([dict.fromkeys("abc", 5.0)] * 6) == 1.0  # equal values tell nothing
 
 
 def test_an_order_by_match_is_seen_even_when_systems_are_mixed():

@@ -136,7 +136,7 @@ def test_a_killed_export_keeps_its_key_and_ends_as_one_that_was_not(inputs, tmp_
 
 def test_a_rate_missed_in_half_a_second_is_no_leak(inputs, tmp_path, monkeypatch):
     """Of these pictures the encoder makes 8 % less and 3 % more than it was asked for."""
-    monkeypatch.setattr(media, "RATE_STEP", 0.0)
+    monkeypatch.setattr(media, "RATE_STEP_BETWEEN_VIDEOS", 0.0)
     draw = partial(draw_noise, seeds=[56, 128])
     export_study(plan_of(inputs, clips=HERE[:1]), tmp_path / "study", draw=draw)
     assert find_leaks(tmp_path / "study") == []

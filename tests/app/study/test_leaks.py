@@ -223,7 +223,7 @@ LEAKS: list[tuple[str, Plant, str]] = [
     ),
     ("sizes", _bit_rate, "bit rate: the videos of clip 'kitchen' differ by"),
     ("sizes", _packets, "packet sizes: not the same in all videos of clip 'street'"),
-    ("sizes", _filling, "bytes without padding: the videos of clip 'office' differ by"),
+    ("sizes", _filling, "unpadded size: the videos of clip 'office' differ by"),
     ("sizes", bool, "compressed size: the videos of clip 'office'"),
     ("larger", _slightly_larger_files, "size: sorting the videos by size reveals the system"),
     (

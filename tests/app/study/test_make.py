@@ -224,7 +224,7 @@ def expected_poses(weights: Path, source: ClipInputs, plan: GesturePlan) -> np.n
 
 def test_plans_of_other_lengths_and_none_are_refused_before_anything_is_made(tmp_path):
     text = condition("given", 'plan = "{clip}.json"')
-    with pytest.raises(RunError, match="The plan of 'given' for clip 'one' was not found"):
+    with pytest.raises(RunError, match="The gesture plan of 'given' for clip 'one' was not found"):
         planned_sources(tmp_path, text)
     write_plan_file(GesturePlan(9.0), tmp_path / "one.json")
     with pytest.raises(RunError, match=r"for clip 'one': The plan lasts 9\.00 s and the speech"):

@@ -120,7 +120,7 @@ BAD_PLANS = [
     (
         '{clip}.npz"',
         '{clip}.npz"\nseed = 1',
-        "from files (`motion`), so it cannot have `seed`",
+        "has motion files (`motion`), so it cannot have `seed`",
     ),
     ('[[systems]]\nname = "globaldiff/local"\n', "", "needs at least 2 systems"),
     ("[[clips]]", "[[clips", "is not a TOML file"),

@@ -238,18 +238,21 @@ def test_equal_means_have_no_winner(is_ranking: bool) -> None:
 
 def test_agreement_is_told_by_krippendorffs_marks() -> None:
     for alpha, low, told in [
-        (0.8, 0.7, "(95 % interval 0.70 to 0.90): raters agree well"),
-        (0.667, 0.5, "agree fairly"),
+        (0.8, 0.7, "is 0.80 (95 % interval 0.70 to 0.90), over 9 items"),
+        (0.667, 0.5, "agreement is sufficient for tentative conclusions only"),
         (0.1, 0.01, "agreement is low"),
+        (0.8, 0.7, "): raters agree well"),
+        (0.8, -0.1, "): agreement does not differ significantly"),
+        (0.8, -math.inf, "): agreement does not differ significantly"),
         (
             0.8,
             -0.1,
-            "\N{MINUS SIGN}0.10 to 0.90): agreement does not differ significantly",
+            "\N{MINUS SIGN}0.10 to 0.90), over 9 items",
         ),
         (
             0.8,
             -math.inf,
-            "(95 % interval unknown): agreement does not differ significantly",
+            "(95 % interval unknown), over 9 items",
         ),
     ]:
         one = ResultEstimate("krippendorff_alpha_ordinal", value=alpha, low=low, high=0.9)

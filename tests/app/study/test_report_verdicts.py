@@ -113,7 +113,7 @@ def test_no_two_sentences_of_a_report_contradict_each_other(
         ),
         (
             [24.0, 4.0, 5, 0, 0.06, 0.6, 0.9],
-            "the interval excludes 50 %, but the test does not reach .05",
+            "the interval excludes 50 %, but p is not below .05",
         ),
     ],
 )

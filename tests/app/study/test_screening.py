@@ -305,7 +305,7 @@ def test_twenty_forged_files_change_nothing_and_the_report_shows_what_they_would
         pages[name] = (tmp_path / name / "report" / "report.html").read_text()
         tables[name] = (tmp_path / name / "report" / "results.csv").read_bytes()
     assert tables["with"] == tables["clean"]
-    assert "20 finished participants are excluded as implausible" in pages["with"]
+    assert "20 participants who finished are excluded as implausible" in pages["with"]
     assert "Results without and with the participants excluded as implausible" in pages["with"]
     assert "Implausible answers" not in pages["clean"]
 

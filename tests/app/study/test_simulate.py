@@ -12,7 +12,7 @@ from app.errors import RunError
 from app.study.simulate import UNIFORM_RATERS, RaterModel, davidson, simulate
 from app.study.statistics.answers import collect_answers
 from app.study.statistics.results import analyse_participants
-from app.study.statistics.votes import MISMATCHED, votes_between, votes_of
+from app.study.statistics.votes import MISMATCHED_SUFFIX, votes_between, votes_of
 from tests.app.study.made import (
     STRENGTHS,
     made_key,
@@ -90,7 +90,7 @@ def test_matched_strength_is_the_log_odds_of_the_right_choice():
     key = made_key("matched", num_clips=10)
     votes = votes_of(made_participants(key, 200, UNIFORM_RATERS), key, "match")
     for name in STRENGTHS:
-        score = votes_between(votes, name, name + MISMATCHED).score
+        score = votes_between(votes, name, name + MISMATCHED_SUFFIX).score
         odds = (score == 1).mean() / (score == 0).mean()
         assert np.log(odds) == pytest.approx(STRENGTHS[name], abs=0.15)
 

@@ -21,7 +21,7 @@ from app.study.statistics.models import (
     fit_strengths,
     krippendorff_alpha,
     mean_estimates,
-    strength_estimates,
+    strengths_and_elo,
 )
 from app.study.statistics.proportions import (
     POWER,
@@ -103,7 +103,7 @@ def width(number: ResultEstimate) -> float:
 
 def test_two_systems_are_as_far_apart_as_their_log_odds_and_elo_has_them_at_its_scale():
     votes = repeated({("a", "b", 1.0): 300, ("a", "b", 0.0): 100})
-    gap = one(strength_estimates(votes, AB, has_sides=False), "log_strength_gap", "a", "b")
+    gap = one(strengths_and_elo(votes, AB, has_sides=False), "log_strength_gap", "a", "b")
     assert gap.value == pytest.approx(np.log(3), abs=0.01)
     assert width(gap) == pytest.approx(2 * 1.96 * np.sqrt(1 / 300 + 1 / 100), rel=0.08)
     assert fit_strengths(votes, AB, has_sides=False).parameters.sum() == pytest.approx(0, abs=1e-8)
@@ -145,7 +145,7 @@ def test_known_strengths_come_back_from_pairs_and_from_rankings():
 
 def test_a_system_that_wins_everything_stays_finite():
     votes = repeated({("a", "b", 1.0): 30})
-    gap = one(strength_estimates(votes, AB, has_sides=False), "log_strength_gap")
+    gap = one(strengths_and_elo(votes, AB, has_sides=False), "log_strength_gap")
     assert gap.value is not None and 2 < gap.value < 8
     assert (
         format_interval(gap) == "unknown"
@@ -155,7 +155,7 @@ def test_a_system_that_wins_everything_stays_finite():
 def test_participants_are_drawn_whole():
     once = [(rater, "a", "b", float(rater < 14)) for rater in range(20)]
     single, tenfold = (
-        one(strength_estimates(made_votes(rows), AB, has_sides=False), "log_strength_gap")
+        one(strengths_and_elo(made_votes(rows), AB, has_sides=False), "log_strength_gap")
         for rows in (once, once * 10)
     )
     # With less weight of the prior the interval may even grow; it must not shrink by sqrt(10).
@@ -394,7 +394,7 @@ def test_two_views_of_a_clip_are_two_votes_of_one_rater_and_no_agreement(protoco
 def test_resamples_that_cannot_differ_give_no_interval() -> None:
     """Three participants, each of whom finds each of two systems better once."""
     votes = made_votes([(rater, "a", "b", score) for rater in range(3) for score in (1.0, 0.0)])
-    numbers = strength_estimates(votes, AB, has_sides=True)
+    numbers = strengths_and_elo(votes, AB, has_sides=True)
     assert one(numbers, "elo", "a").value == pytest.approx(1000)
     of_means = mean_estimates(table_of(np.full((3, 2, 2), 5.0)), range(2), "mean")[1]
     alike = (

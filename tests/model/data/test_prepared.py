@@ -131,7 +131,7 @@ def test_arrays_are_used_again_and_only_for_what_they_were_made_for(
     again = prepare(data_folder, copies, Never(), augmented_copies=2)
     assert again.clips == data.clips and again.cache_folder == data.cache_folder
     first = prepare(data_folder, tmp_path / "prepared", MelEncoder())
-    with pytest.raises(DataError, match="another version or with another encoder"):
+    with pytest.raises(DataError, match="another version of this program or with another encoder"):
         prepare(data_folder, tmp_path / "prepared", Other())
     moved, name = shutil.copytree(data_folder, tmp_path / "elsewhere"), "1_ann_0_0_0"
     assert prepare(moved, tmp_path / "prepared", Never()).cache_folder == first.cache_folder

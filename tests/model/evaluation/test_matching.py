@@ -9,13 +9,13 @@ import torch
 
 from model.evaluation.classifiers import (
     BODY_PARTS_OF_METRIC,
-    frame_loudness,
+    frame_loudness_db,
     matched_speech_metrics,
     piece_tensors,
     speech_span,
     win_rate,
 )
-from model.evaluation.clips import read_trimmed_recording
+from model.evaluation.clips import read_recording_cut_to_speech
 from model.motion.motion import first_frames, load_motion
 from model.speech.audio import load_speech
 from model.speech.features import MelEncoder
@@ -121,7 +121,7 @@ def test_the_bundled_judge_finds_the_speech_of_the_example(bundled):
 def test_the_bundled_judge_reads_the_lips_of_real_people(bundled):
     folder = beat2_folder()
     recordings = [
-        read_trimmed_recording(folder, name) for name in ("2_scott_0_1_1", "2_scott_0_2_2")
+        read_recording_cut_to_speech(folder, name) for name in ("2_scott_0_1_1", "2_scott_0_2_2")
     ]
     heard = [
         MelEncoder().encode(speech.waveform, speech.num_motion_frames) for _, speech in recordings
@@ -134,7 +134,7 @@ def test_the_bundled_judge_reads_the_lips_of_real_people(bundled):
 
 def test_loudness_is_in_decibels_by_frame_and_silent_after_the_end():
     tone = np.concatenate([np.ones(16_000), 0.1 * np.ones(16_000)]).astype(np.float32)
-    loudness = frame_loudness(tone, 70)
+    loudness = frame_loudness_db(tone, 70)
     np.testing.assert_allclose(loudness[[0, 29, 30, 59]], [0, 0, -20, -20], atol=0.1)
     np.testing.assert_allclose(loudness[60:], -60)
 

@@ -8,7 +8,7 @@ import torch
 from scipy.linalg import sqrtm
 
 from model.evaluation import frechet
-from model.evaluation.clips import face_error, mean_pairwise_l1
+from model.evaluation.clips import expression_mse, mean_pairwise_l1
 from model.evaluation.frechet import window_diversity
 from model.metrics import beats, reference_error
 from model.metrics.reference_error import l1_distance_to_mean
@@ -191,4 +191,4 @@ def test_face_error_looks_at_the_columns_in_use():
     motion = smooth_motion_example(30)
     other = smooth_motion_example(30)
     other.expressions[:, :52] += 0.5
-    assert face_error(other, motion) == pytest.approx(0.25, rel=1e-5)
+    assert expression_mse(other, motion) == pytest.approx(0.25, rel=1e-5)

@@ -10,8 +10,8 @@ import torch
 from model.evaluate import main
 from model.evaluation import plan_detection
 from model.evaluation.adherence import (
-    fgd_of_edits,
-    gesture_size,
+    distance_from_rest_m,
+    fgd_before_and_after_edits,
     only_one_hand_moves,
     random_edit,
     rest_speeds,
@@ -85,7 +85,7 @@ def test_a_gesture_is_as_large_as_it_ends_far_from_rest(plan):
     usual = math.dist(USUAL_STROKE_GOALS["stop"], REST_POSITION)
     for size in (0.6, 1.0, 1.4):
         larger = scale_gesture(plan, gesture, size).plan
-        measured = gesture_size(planned_places(larger), gesture)
+        measured = distance_from_rest_m(planned_places(larger), gesture)
         assert measured == pytest.approx(size * usual, rel=0.05)
 
 
@@ -113,11 +113,15 @@ def test_random_edits_change_the_plan_and_tell_what_they_are_about(plan):
 def test_distances_are_those_of_edited_and_unedited_motion():
     rng = np.random.default_rng(0)
     recorded, near, far = (rng.normal(at, 1, (200, 3)) for at in (0.0, 0.1, 2.0))
-    assert fgd_of_edits([[recorded, near, far]]) == {}
+    assert fgd_before_and_after_edits([[recorded, near, far]]) == {}
     scores = {
-        name: each["mean"] for name, each in fgd_of_edits([[recorded, near, near, far]] * 2).items()
+        name: each["mean"]
+        for name, each in fgd_before_and_after_edits([[recorded, near, near, far]] * 2).items()
     }
-    plain = {name: each["mean"] for name, each in fgd_of_edits([[recorded, near, far]] * 2).items()}
+    plain = {
+        name: each["mean"]
+        for name, each in fgd_before_and_after_edits([[recorded, near, far]] * 2).items()
+    }
     assert plain["FGD, edited"] > scores["FGD, unedited"] == plain["FGD, unedited"] > 0
     half = (plain["FGD, unedited"] + plain["FGD, edited"]) / 2
     assert scores["FGD, edited"] == pytest.approx(half)

@@ -21,9 +21,9 @@ from model.evaluation.classifiers import (
 )
 from model.generation.windows import GenerateOptions, generate_motion
 from model.metrics.speech_effect import (
-    arm_angular_speed_sum_deg_s,
-    arm_rotation_correlation,
+    arm_axis_angle_correlation,
     silence_speed_ratio,
+    smoothed_arm_speed_sum_deg_s,
 )
 from model.motion.motion import Motion, first_frames, save_motion
 from model.sampling.samplers import DEFAULT_SAMPLING, noise_seed_of_clip
@@ -50,7 +50,7 @@ def test_the_share_of_the_speaker_is_that_of_every_pair_one_by_one(share):
     alike: dict[str, list[float]] = {"speaker": [], "neither": []}
     for ((one, seed), a), ((other, seed_), b) in combinations(motions.items(), 2):
         if seed != seed_:
-            r = float(np.corrcoef(*map(arm_angular_speed_sum_deg_s, (a, b)))[0, 1])
+            r = float(np.corrcoef(*map(smoothed_arm_speed_sum_deg_s, (a, b)))[0, 1])
             alike["speaker" if one == other else "neither"].append(r)
     found = arm_speaker_effect(motions)
     wanted = np.mean(alike["speaker"]) - np.mean(alike["neither"])
@@ -174,7 +174,7 @@ def test_numbers_are_those_of_motions_made_one_by_one(data_folder, weights):
     motions = {(who, seed): m for who, own in spoken.items() for seed, m in enumerate(own)}
     speeds = calm_and_lively_wrist_speeds(motions, PAIR)
     assert {name: found[name] for name in speeds} == pytest.approx(speeds, rel=1e-6)
-    alike = [arm_rotation_correlation(*pair) for pair in zip(*spoken.values(), strict=True)]
+    alike = [arm_axis_angle_correlation(*pair) for pair in zip(*spoken.values(), strict=True)]
     assert found["arm_rotations_other_speaker"] == pytest.approx(np.mean(alike), abs=1e-6)
     silent = [
         silence_speed_ratio(motion, np.arange(270) < 120)["arms_in_silence"]

@@ -52,7 +52,7 @@ def told_of(motion: Motion, loud: np.ndarray) -> list[str]:
             if cut.num_frames < frames / 2:
                 continue  # a rest; it is part of the longer cuts
             heard = loud[start : start + frames]
-            analysed = analyse_raw(cut, open_body_skeleton(), speech_bands=heard)
+            analysed = analyse_raw(cut, open_body_skeleton(), speech_log_mel=heard)
             if largest_step_m(analysed) > STEP_M:
                 left_out += 1
                 continue

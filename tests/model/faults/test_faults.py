@@ -67,7 +67,7 @@ def evidence_of(motion: Motion, person: Person, planted: Planted) -> AnalysedMot
         if motion.num_frames != person.motion.num_frames:
             reference = analyse_raw(person.motion.part(slice(motion.num_frames)), SKELETON)
     heard = person.heard if planted.beside == "speech" else None
-    return analyse_raw(motion, SKELETON, reference, planted.windows, speech_bands=heard)
+    return analyse_raw(motion, SKELETON, reference, planted.windows, speech_log_mel=heard)
 
 
 @pytest.mark.parametrize("planted", PLANTED, ids=lambda p: f"{p.name}-{p.kind}-{p.beside}")
@@ -110,7 +110,7 @@ def test_every_fault_of_the_table_is_planted():
 
 
 def test_a_clean_clip_is_left_alone_whole_and_in_parts(example):
-    assert find_faults(analyse_raw(example.motion, SKELETON, speech_bands=example.heard)) == []
+    assert find_faults(analyse_raw(example.motion, SKELETON, speech_log_mel=example.heard)) == []
     for part in (
         slice(0, 300),
         slice(60, 150),
@@ -137,7 +137,7 @@ def test_one_recording_beside_another_is_left_alone(recorded):
     frames = min(other.num_frames, recorded.motion.num_frames)
     one, two = (analyse_raw(m.part(slice(frames)), SKELETON) for m in (recorded.motion, other))
     first = recorded.motion.part(slice(frames))
-    assert find_faults(analyse_raw(first, SKELETON, speech_bands=recorded.heard[:frames])) == []
+    assert find_faults(analyse_raw(first, SKELETON, speech_log_mel=recorded.heard[:frames])) == []
     for analysed, reference in ((one, two), (two, one)):
         beside = analyse_raw(analysed.motion, SKELETON, reference)
         assert find_faults(beside) == []
@@ -177,7 +177,7 @@ def test_a_finding_tells_where_it_is_worst_and_the_gravest_come_first(example):
 
 def test_of_each_motion_the_gravest_comes_first_the_worst_motion_before_all():
     twice, narrow = (
-        Finding(f"{each}.", {}, limit_ratio=2.0, max_recorded_ratio=ratio)
+        Finding(f"{each}.", {}, limit_ratio=2.0, max_ratio_between_clips=ratio)
         for each, ratio in (("X", 4.0), ("Y", 2.0))
     )
     angles, grave = replace(narrow, severity=1), Finding("Z.", {}, severity=3)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import HANDS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
-from model.formats.convention_detection import RELAXED_HANDS
+from model.formats.convention_detection import MEAN_HANDS_SUBSTITUTE
 from model.formats.read import read_any_motion
 from model.formats.reading import ImportedMotion, ImportOverrides
 from model.motion.kinematics import open_body_skeleton
@@ -57,7 +57,7 @@ class Person:
             poses[:, JOINT_INDEX[name]] += turn
         arms = [JOINT_INDEX[f"{side}_{at}"] for side in ("left", "right") for at in ("elbow",)]
         poses[:, arms] += waves(len(arms), 0.3)
-        poses[:, list(HANDS)] += RELAXED_HANDS
+        poses[:, list(HANDS)] += MEAN_HANDS_SUBSTITUTE
         poses[:, 0] += (0.0, rng.uniform(-0.4, 0.4), 0.0)
         trans = np.array([0.0, rng.uniform(1.1, 1.3), 0.0]) + waves(1, 0.03)[:, 0]
         faces = np.zeros((frames, 100))
@@ -175,7 +175,7 @@ def _npz(seed: int, rng: np.random.Generator, folder: Path) -> Drawn:
     truth, poses, trans, faces = _person(seed, rng, float(rate), up, facing)
     trans = (trans * SCALES[units]).astype(np.float32)
     if hands == "mean":
-        poses[:, list(HANDS)] -= RELAXED_HANDS
+        poses[:, list(HANDS)] -= MEAN_HANDS_SUBSTITUTE
     sets = {55: list(range(55)), 52: [*BODY_JOINTS, *HANDS], 53: [*BODY_JOINTS, 22, *HANDS]}
     joints = sets.get(count, BODY_JOINTS)
     rows = in_form(poses[:, joints], form)
@@ -224,7 +224,7 @@ def _npy(seed: int, rng: np.random.Generator, folder: Path) -> Drawn:
     hands = _pick(rng, "flat", "mean") if layout in ("talkshow", "motionx") else "flat"
     truth, poses, trans, faces = _person(seed, rng, 30.0, up, facing)
     if hands == "mean":
-        poses[:, list(HANDS)] -= RELAXED_HANDS
+        poses[:, list(HANDS)] -= MEAN_HANDS_SUBSTITUTE
     flat = poses.reshape(len(poses), -1)
     said = {"up": up, "facing": facing, "layout": layout, "hands": hands}
     match layout:

@@ -193,7 +193,7 @@ def changed_row(number: int, change: Callable[[str], str]) -> str:
         ("\xef\xbb\xbf" + TEXT, ""),
         (TEXT.replace("head", "K\xf6pf Head"), ""),
         (changed_row(3, lambda row: row.replace(".", ",")), "decimal commas"),
-        (changed_row(4, lambda row: row.replace(" -", "-")), "ran together"),
+        (changed_row(4, lambda row: row.replace(" -", "-")), "without a space between them"),
         (changed_row(19, lambda row: row[: len(row) // 2]), "row 20 of 20 is cut"),
         (" ".join(TEXT.split("MOTION")[0].split()) + "\nMOTION" + TEXT.split("MOTION")[1], ""),
     ],
@@ -222,7 +222,7 @@ def test_text_is_read_where_nothing_is_lost(tmp_path: Path, text: str, said: str
         (TEXT.replace("OFFSET 0", "OFFSET 9000000", 1), "an offset must be under 1e+06"),
         (
             changed_row(2, lambda row: "1e300 " + row.split(" ", 1)[1]),
-            "1e+300, above the limit of 1e+06",
+            "1e+300; the limit is 1e+06",
         ),
         (changed_row(2, lambda row: row + " 7"), f"line {ROW + 2}, a row has 70 numbers"),
         (changed_row(2, lambda row: row[:90]), f"line {ROW + 2}, a row has"),
@@ -251,7 +251,7 @@ def test_trees_that_are_no_person_are_refused(tmp_path: Path):
         "OFFSET 0 0.4 0" if line.startswith("OFFSET") and "-0.3" in line else line
         for line in TEXT.splitlines()
     ]
-    with pytest.raises(MotionError, match=r"legs are below the trunk neither.* Put a T-pose"):
+    with pytest.raises(MotionError, match=r"legs are not below the trunk.* Put a T-pose"):
         read(tmp_path, "\n".join(lines))
 
 

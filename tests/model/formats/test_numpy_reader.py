@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import HANDS
-from model.formats.convention_detection import RELAXED_HANDS
+from model.formats.convention_detection import MEAN_HANDS_SUBSTITUTE
 from model.formats.motion_draft import rotation_layout
 from model.formats.numpy_reader import CONVERT_PICKLE_COMMAND
 from model.formats.parameters import files_with_motion_names
@@ -103,11 +103,13 @@ def test_frame_rates_that_cannot_be_resampled_honestly(tmp_path: Path, fps: floa
 
 def test_a_stated_mean_hand_comes_from_the_body_else_ours_stands_in(tmp_path: Path):
     poses = POSES.copy()
-    poses[:, list(HANDS)] -= RELAXED_HANDS
+    poses[:, list(HANDS)] -= MEAN_HANDS_SUBSTITUTE
     path = written(tmp_path, poses=poses.reshape(60, 165))
     reading = read_any_motion(path, parse_import_overrides("hands=mean"))
     np.testing.assert_allclose(reading.motion.poses, MOTION.poses, atol=1e-6)
-    assert "finger_angles" in reading.missing_parts and "is used instead" in " ".join(reading.notes)
+    assert "finger_angles" in reading.missing_parts and "is used as the mean" in " ".join(
+        reading.notes
+    )
     body = tmp_path / "SMPLX_NEUTRAL.npz"
     means = {"hands_meanl": np.full(45, 0.1), "hands_meanr": np.full(45, 0.2)}
     np.savez(body, **means, joint2num=np.array({"a": 1}, dtype=object))
@@ -254,7 +256,7 @@ def test_a_folder_with_a_file_for_each_parameter_is_one_motion(tmp_path: Path, l
         np.testing.assert_allclose(reading.motion.trans, MOTION.trans, atol=1e-6)
     files["smplx_mesh_body_pose"].unlink()
     assert len(list(files_with_motion_names(tmp_path))) == len(PARAMETERS)
-    assert "give the folder of all its files" in refusal(files["smplx_mesh_transl"])
+    assert "give the folder of all files of the motion" in refusal(files["smplx_mesh_transl"])
 
 
 def test_quaternions_do_not_offer_their_own_form_among_the_others(tmp_path: Path):
@@ -416,7 +418,7 @@ def test_all_bad_frames_are_named(tmp_path: Path):
         ((60, 80), "mel spectrogram"),
         ((60, 29), "a motion of the robot Unitree G1"),
         ((60, 30, 3, 3), "has the 30 joints of the skeleton SOMA"),
-        ((60,), "one parameter of a motion .*, give the folder of all its files"),
+        ((60,), "one parameter of a motion .*, give the folder of all files"),
         ((60, 63), "one parameter of a motion"),
     ],
 )

@@ -11,7 +11,7 @@ from model.metrics.face import (
     count_blinks,
     face_hand_correlation_above_chance,
     face_measures,
-    head_angular_speed_rad_s,
+    head_chest_angular_speed_rad_s,
     max_correlation_over_lags,
 )
 from model.motion.motion import Motion
@@ -88,6 +88,6 @@ def test_a_face_that_goes_with_the_hands_is_told_from_one_that_does_not():
 
 def test_the_heads_speed_is_in_radians_a_second():
     turning = np.arange(30) * 0.02
-    assert head_angular_speed_rad_s(made(turning, turning)) == pytest.approx(
+    assert head_chest_angular_speed_rad_s(made(turning, turning)) == pytest.approx(
         np.full(29, 0.6), abs=1e-3
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from conventions.rates import FPS, SAMPLE_RATE
-from model.faults.glitches import speech_lag
+from model.faults.glitches import speech_lag_or_drift
 from model.metrics.lag import find_lag, speech_bands_by_frame
 from model.motion.motion import Motion, load_motion, remove_lag
 from model.speech.audio import load_speech
@@ -140,7 +140,9 @@ def test_it_is_a_finding_that_says_how_to_put_it_right(sound):
 
     def told(motion: Motion) -> list:
         return list(
-            speech_lag(analyse_raw(motion, SKELETON, speech_bands=speech_bands_by_frame(sound)))
+            speech_lag_or_drift(
+                analyse_raw(motion, SKELETON, speech_log_mel=speech_bands_by_frame(sound))
+            )
         )
 
     motion = speaking(sound)

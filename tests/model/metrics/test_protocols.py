@@ -78,13 +78,18 @@ def test_physical_and_coverage_give_the_numbers_of_the_authors_code():
 
 
 def test_ids_are_frozen_and_records_complete():
-    assert [name for name in FORMULAS if not PROTOCOLS[name].is_measured_elsewhere] == [
+    assert [name for name in FORMULAS if not PROTOCOLS[name].is_own_metric] == [
         *("beats/emage", "beats/evaltools", "beats/raggesture", "physical/mbench", "gac/unicamp"),
         *("srgr/beat", "srgr/raggesture", "hellinger/genea", "cca/genea"),
         *("mse_face/emage", "lvd/emage"),
     ]
     for name, record in PROTOCOLS.items():
-        assert record.id == name and record.source and record.measured_quantity and record.segments
+        assert (
+            record.id == name
+            and record.source
+            and record.measured_quantity
+            and record.frames_and_averaging
+        )
         assert record.rule.endswith(".") and record.rule.count(". ") <= 2, name
         assert set(record.required_inputs) <= set(FLAG_OF_INPUT)
         with pytest.raises(AttributeError):

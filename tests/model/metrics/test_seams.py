@@ -159,7 +159,7 @@ def test_seams_are_folded_on_what_is_known_or_found():
 
 @pytest.mark.parametrize(("advance", "overlap"), [(1, 0), (-3, 0), (52, 60), (52, -1)])
 def test_windows_that_cannot_be_are_refused(advance, overlap):
-    with pytest.raises(ValueError, match=f"distance of {advance} and an overlap of {overlap}"):
+    with pytest.raises(ValueError, match=f"hop of {advance} and an overlap of {overlap}"):
         Windowing(advance + overlap, overlap)
 
 

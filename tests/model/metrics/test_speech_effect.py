@@ -9,11 +9,11 @@ from conventions.joints import JOINT_INDEX
 from model.metrics.speech_effect import (
     LEAST_FRAMES,
     TRACK_FUNCTIONS,
-    arm_angular_speed_sum_deg_s,
-    arm_rotation_correlation,
+    arm_axis_angle_correlation,
     silence_speed_ratio,
+    smoothed_arm_speed_sum_deg_s,
     speech_and_noise_shares,
-    speech_and_silence_masks,
+    speech_and_silence_start_masks,
     track_correlation,
 )
 from model.motion.kinematics import blendshape_names
@@ -57,7 +57,7 @@ def test_shares_are_those_that_were_planted(share):
 def test_arm_speed_is_in_degrees_a_second_whichever_arm_turns():
     turning = about(2, np.deg2rad(np.arange(90)))  # 30 degrees a second
     motion = posed(90, left_shoulder=turning, right_elbow=turning)
-    np.testing.assert_allclose(arm_angular_speed_sum_deg_s(motion), 60.0, rtol=1e-3)
+    np.testing.assert_allclose(smoothed_arm_speed_sum_deg_s(motion), 60.0, rtol=1e-3)
 
 
 def test_likeness_is_the_correlation_of_what_both_have_and_0_of_what_is_still():
@@ -70,7 +70,7 @@ def test_likeness_is_the_correlation_of_what_both_have_and_0_of_what_is_still():
 def test_rotations_of_arms_alone_are_compared():
     one, other = motion_of(1, 2, 0.5), motion_of(1, 2, 0.5)
     other.poses[:, 3 * JOINT_INDEX["head"]] += slow(np.random.default_rng(5))
-    assert arm_rotation_correlation(one, other) == pytest.approx(1 / 12, abs=1e-6)  # 11 are still
+    assert arm_axis_angle_correlation(one, other) == pytest.approx(1 / 12, abs=1e-6)  # 11 are still
 
 
 def test_a_motion_in_other_units_has_no_brows():
@@ -125,7 +125,7 @@ def test_frames_are_told_as_one_by_one(end):
     speech = np.random.default_rng(end).random(200) < 0.3
     parts = [np.zeros(40), speech, np.zeros(LONG + 20), speech, np.zeros(LONG - 30), speech]
     voiced = np.concatenate([*parts, np.zeros(end)]).astype(bool)
-    spoken, silent = speech_and_silence_masks(voiced)
+    spoken, silent = speech_and_silence_start_masks(voiced)
     wanted = slowly(voiced.tolist())
     assert spoken.tolist() == [kind == "spoken" for kind in wanted]
     assert silent.tolist() == [kind == "silent" for kind in wanted]

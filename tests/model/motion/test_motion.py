@@ -182,14 +182,14 @@ def test_what_is_too_large_is_refused_before_it_is_unpacked(tmp_path, monkeypatc
     path = tmp_path / "a.npz"
     with path.open("wb") as file:
         file.truncate(200 * 10**6)  # takes no room on the disk, and is not an archive
-    assert_refused(path, "191 MiB", "at most 160 MiB")
+    assert_refused(path, "191 MiB", "the limit is 160 MiB")
     assert npz.MAX_BYTES == 512 * 2**20
     monkeypatch.setattr(npz, "MAX_BYTES", 2**20)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("poses.npy", bytes(3 * 2**20))
-    assert_refused(path, "3 MiB in 1 arrays", "at most 1 MiB")
+    assert_refused(path, "3 MiB in 1 arrays", "the limits are 1 MiB")
     np.savez(path, **{str(k): np.zeros(1) for k in range(65)})
-    assert_refused(path, "in 65 arrays", "in 64 arrays are read")
+    assert_refused(path, "in 65 arrays", "1 MiB and 64 arrays")
     monkeypatch.setattr(motion_module, "MAX_FRAMES", 5)
     np.savez(path, **valid_arrays(5))
     assert load_motion(path).num_frames == 5

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model.plan.editing import (
-    ARM_M,
+    MAX_CHEST_TO_WRIST_M,
     MIN_PHASE_S,
     GestureKey,
     add_event,
@@ -150,8 +150,10 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
         assert ("stroke", start_s, 4.5) in told(fast.plan)
     assert "The stroke now lasts 0.20 s, the shortest possible." in fast.notes
     high = raise_gesture(BUSY, MIDDLE, 0.9)
-    assert sum(n * n for n in goal(high)) ** 0.5 == pytest.approx(ARM_M, abs=1e-3)
-    assert high.notes == (f"A hand position out of reach was moved to {ARM_M:g} m from the chest.",)
+    assert sum(n * n for n in goal(high)) ** 0.5 == pytest.approx(MAX_CHEST_TO_WRIST_M, abs=1e-3)
+    assert high.notes == (
+        f"A hand position out of reach was moved to {MAX_CHEST_TO_WRIST_M:g} m from the chest.",
+    )
     inside = STILL.with_hand("right", (
         phase(0.0, 1.0, "rest"), phase(1.0, 1.5, "preparation", (0.05, -0.1, 0.3)),
         phase(1.5, 2.0, "stroke", (0.05, -0.1, 0.02)),

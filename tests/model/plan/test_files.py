@@ -16,7 +16,7 @@ from model.plan.files import (
     ENDINGS,
     markers_csv,
     plan_markers,
-    read_corpus_plan,
+    read_corpus_textgrid,
     read_plan_file,
     write_plan_file,
 )
@@ -134,7 +134,7 @@ BAD = [
 ]  # fmt: skip
 BAD_HANDS = [
     ({"goal": [0, 0]}, "`right.1.goal.2` is missing"),
-    ({"goal": [0, 0, 3]}, "a goal over 1 m from the chest"),
+    ({"goal": [0, 0, 3]}, "over 1 m from the chest"),
     ({"word": "x" * 100}, "at most 80 characters"),
     ({"start_s": 0.5}, "in the middle of a rest; phases of one hand must not overlap"),
 ]
@@ -229,7 +229,7 @@ HABITS = [
          ("stroke", 3.0, "")],
         "Ignored tiers with unknown names: 'Notes'.",
     ),
-    ([PHRASE], [("stroke", 1.0, "deictic")], "Read as strokes of these gesture types: 'Deictic'"),
+    ([PHRASE], [("stroke", 1.0, "deictic")], "These labels are read as"),
     *(  # a beat among gesture types is McNeill's: a gesture with a stroke
         ([tier(name, (0, 1, "beat"), (1, 2, "iconic"), (2, 3, "Beat"), (3, 4, "beat"))],
          [("stroke", 0, "beat"), ("stroke", 1, "iconic"), ("stroke", 2, "beat"),
@@ -243,15 +243,15 @@ HABITS = [
     ([tier("gesture_right", (0, 1, "rest"), (1, 2, "beat"), (2, 3, "rest"))],
      [("rest", 0, ""), ("beat", 1, ""), ("rest", 2, "")], "The right hand has no goals"),
     ([tier("RH phase", (0, 1, "S"), (1, 2, "beat"), (2, 3, "point_up"))],
-     [("stroke", 0, ""), ("beat", 1, ""), ("stroke", 2, "point_up")], "Read as strokes of these"),
+     [("stroke", 0, ""), ("beat", 1, ""), ("stroke", 2, "point_up")], "These labels are read as"),
     *(
         ([tier("phase R", (0, 1, label), (1, 2, "stroke"), (2, 3, "P"))],
          [("rest", 0, ""), ("stroke", 1, ""), ("preparation", 2, "")],
-         f"Read as rest, because these labels name no gesture: {label!r}.")
+         f"These labels name no gesture and are read as rest: {label!r}.")
         for label in ("adaptor", "Self-touch", "?", "unclear", "none", "-", "")
     ),
     ([tier("Gesture", (0, 1, "adaptor"), (1, 2, ""), (2, 3, "self"))],
-     [("rest", 0, ""), ("stroke", 1, ""), ("stroke", 2, "self")], "Read as rest"),
+     [("rest", 0, ""), ("stroke", 1, ""), ("stroke", 2, "self")], "These labels name no gesture"),
     (
         [PHRASE, tier("Phase", (1.0, 1.5, "prep"), (1.5, 2.0, "stroke"))],
         [("preparation", 1.0, "Deictic"), ("stroke", 1.5, "Deictic")],
@@ -305,7 +305,7 @@ def test_a_name_that_means_several_things_means_the_first() -> None:
 @pytest.mark.parametrize(
     ("tiers", "says"),
     [
-        ([tier("words", (0.0, 1.0, "so"))], "No tier has the gestures of a hand.*tiers: words"),
+        ([tier("words", (0.0, 1.0, "so"))], "No tier holds the gestures of a hand.*tiers: words"),
         ([], "tiers: none"),
         (
             [tier("phase R", (0, 2, "stroke"), (1, 3, "hold"))],
@@ -340,7 +340,7 @@ def test_the_corpus_tells_phases_goals_kinds_words_and_the_rest_of_the_body(
         tier("foot_right", (0, 1, "planted"), (1, 1.5, ""), (1.5, 3, "planted")),
     )
     path.write_text(grid(*HANDS, *body))
-    plan = read_corpus_plan(path)
+    plan = read_corpus_textgrid(path)
     assert [p.phase for p in plan.left] == ["rest"]
     assert plan == GesturePlan(
         3.0,
@@ -364,7 +364,7 @@ def test_the_corpus_tells_phases_goals_kinds_words_and_the_rest_of_the_body(
     )
     path.write_text(grid(tier("words", (0, 1, "so"))))
     with pytest.raises(PlanError, match="has no tier gesture_left"):
-        read_corpus_plan(path)
+        read_corpus_textgrid(path)
 
 
 LABELS = 'say "x"', "two\nlines", "see item [3]:", "intervals [1]:", "TextTier", "xmin = 7", ""
@@ -476,9 +476,9 @@ def test_what_is_told_of_included_annotations_is_kept(tmp_path: Path) -> None:
 
 
 HOSTILE = [
-    (eaf("&a;", '<!DOCTYPE x [<!ENTITY a "aaaa">]>'), "defines a document type"),
-    (eaf("&a;", '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>'), "document type"),
-    (eaf("", '<!DOCTYPE x SYSTEM "http://a.b/c.dtd">'), "document type"),
+    (eaf("&a;", '<!DOCTYPE x [<!ENTITY a "aaaa">]>'), "has a DOCTYPE or ENTITY declaration"),
+    (eaf("&a;", '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>'), "DOCTYPE or ENTITY"),
+    (eaf("", '<!DOCTYPE x SYSTEM "http://a.b/c.dtd">'), "DOCTYPE or ENTITY"),
     (eaf("<a>" * 50 + "</a>" * 50), "levels"),
     (eaf("<a " + " ".join(f'a{k}=">"' for k in range(9_000)) + "/>"), "label or tag above"),
     (eaf(slots("0", "5"))[:-9], "is not an ELAN file"),
@@ -491,7 +491,7 @@ HOSTILE = [
     (eaf("").replace("milliseconds", "PAL-frames"), "PAL-frames"),
     (eaf("").replace('"/>', '"><MEDIA_DESCRIPTOR TIME_ORIGIN="1e9"/></HEADER>', 1), "TIME_ORIGIN"),
     (eaf(slots("0", "1") + '<TIER TIER_ID="x"><ANNOTATION><REF_ANNOTATION ANNOTATION_ID="a" '
-     'ANNOTATION_REF="a"/></ANNOTATION></TIER>'), "No tier has the gestures of a hand"),
+     'ANNOTATION_REF="a"/></ANNOTATION></TIER>'), "No tier holds the gestures of a hand"),
 ]  # fmt: skip
 
 
@@ -551,7 +551,7 @@ def test_what_lies_beyond_a_time_is_left_out_of_a_plan() -> None:
 def test_large_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.eaf").write_text(eaf(slots(*["0"] * 9)))
     monkeypatch.setattr("model.plan.annotation_files.MAX_ELEMENTS", 3)
-    with pytest.raises(PlanError, match="exceeds the limit of 3 elements"):
+    with pytest.raises(PlanError, match="exceeds the limit of 3 XML elements"):
         read_plan_file(tmp_path / "a.eaf")
     monkeypatch.setattr("model.plan.files.MAX_BYTES", 100)
     with pytest.raises(PlanError, match="is larger than"):

@@ -153,7 +153,7 @@ def test_how_often_a_word_is_struck_is_counted_once_for_both_hands_and_weights_c
         calling.names, calling.kind_shares_by_word, calling.stroke_shares_by_word,
     )  # fmt: skip
     np.testing.assert_allclose(again.mean_goals, calling.mean_goals, rtol=1e-6)
-    assert [again.number_of(name) for name in ("", "none", "big", "point")] == [0, 0, 1, 4]
+    assert [again.number_or_zero(name) for name in ("", "none", "big", "point")] == [0, 0, 1, 4]
 
 
 def test_a_word_on_a_still_hand_gets_its_gesture_and_the_hand_its_rest_again(calling):

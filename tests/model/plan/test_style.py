@@ -144,7 +144,10 @@ def test_a_gesture_without_room_stays_and_is_counted():
         ("[times]\nheight_m = 2", "`times` must be a table with keys from gestures_per_min"),
         ("times = 2", "`times` must be a table"),
         ("[times]\nsmile = -1", "times.smile must be a number from 0 to 10; got -1."),
-        ("size_m = 0.2\n[times]\nsize_m = 2", "size_m is set twice, alone and in `times`"),
+        (
+            "size_m = 0.2\n[times]\nsize_m = 2",
+            "size_m is set twice, as a value and as a factor in `times`",
+        ),
         ("size_m =", "style.toml is not a TOML file."),
         ("\x00", "style.toml is not a TOML file."),
         ("a." * 3000 + "b = 1", "style.toml is not a TOML file."),

@@ -5,7 +5,13 @@ import math
 import pytest
 import torch
 
-from model.sampling.prior import SEED_NOISE, GaussianPrior, fit_components, fit_prior, time_grid
+from model.sampling.prior import (
+    SEED_NOISE_VARIANCE_SHARE,
+    GaussianPrior,
+    fit_components,
+    fit_prior,
+    time_grid,
+)
 from tests.model.made import made_prior
 
 CHANNELS, FRAMES, SEED = 5, 60, 8
@@ -30,7 +36,7 @@ def dense_posterior(prior, x_t, t, seed) -> tuple[torch.Tensor, torch.Tensor]:
     seen.append(x_t.double().flatten())
     if seed is not None:
         looks.append(torch.eye(len(covariance), dtype=torch.float64)[: SEED * CHANNELS])
-        noise.append((SEED_NOISE * prior.covariance[:, 0, 0].double()).repeat(SEED))
+        noise.append((SEED_NOISE_VARIANCE_SHARE * prior.covariance[:, 0, 0].double()).repeat(SEED))
         seen.append(seed.double().flatten())
     look, observed = torch.cat(looks), torch.cat(seen)
     gain = (

@@ -11,8 +11,8 @@ from model.speech.augment import (
     apply_gain,
     apply_recording_conditions,
     band_pass,
-    change_speech_speed,
     impulse_response,
+    perturb_speed,
     sample_recording_conditions,
 )
 from tests.model.made import made_waveform
@@ -78,7 +78,7 @@ def test_a_telephone_passes_its_band_only():
 
 @pytest.mark.parametrize("speed", [0.9, 1.0, 1.1])
 def test_speed_changes_length_and_pitch_alike(speed):
-    fast = change_speech_speed(tone(500), speed)
+    fast = perturb_speed(tone(500), speed)
     assert len(fast) == np.ceil(2 * RATE / speed)
     peak = np.argmax(np.abs(np.fft.rfft(fast))) * RATE / len(fast)
     assert peak == pytest.approx(500 * speed, abs=1.0)

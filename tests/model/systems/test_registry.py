@@ -47,7 +47,7 @@ def test_card_of_another_shape_is_refused(folder):
     card = json.loads(path.read_text())
     card["config"]["network"]["num_blocks"] = 2
     path.write_text(json.dumps(card))
-    with pytest.raises(CheckpointError, match="do not fit"):
+    with pytest.raises(CheckpointError, match="do not match"):
         load_system("globaldiff/local", folder)
     del card["speakers"]
     path.write_text(json.dumps(card))
@@ -113,7 +113,7 @@ def test_a_broken_package_is_told_in_a_sentence_and_keeps_none_from_the_others(
     assert found == [FAMILY]
     told = {sentence.split("'")[1]: sentence for sentence in sentences}
     assert told["a_missing"] == (
-        "The family 'a_missing' of the package a_missing (a_missing:FAMILY) is left out: "
+        "The system family 'a_missing' of the package a_missing (a_missing:FAMILY) is left out: "
         "ModuleNotFoundError: No module named 'nowhere_to_be_found'."
     )
     assert told["b_leaves"].endswith("SystemExit: no licence.")
@@ -146,7 +146,7 @@ def test_weights_that_a_package_brings_must_have_a_card_with_speakers(tmp_path):
         check_family(family)
     (tmp_path / "regression-mean.json").write_text('{"sha256": ""}')
     with pytest.raises(
-        FamilyUnavailableError, match="the card of regression/mean names no speakers"
+        FamilyUnavailableError, match="the model card of regression/mean lists no speakers"
     ):
         check_family(family)
 

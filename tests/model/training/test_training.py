@@ -84,7 +84,7 @@ def test_kl_is_zero_for_the_standard_normal_and_half_for_a_mean_of_one():
 
 
 def test_a_loss_that_is_no_number_names_step_and_clips():
-    with pytest.raises(FloatingPointError, match=r"total is nan at step 7; clips: a, b\."):
+    with pytest.raises(FloatingPointError, match=r"total is nan at step 7; .*: a, b\."):
         losses.finite_or_raise({"simple": 1.0, "total": float("nan")}, 7, ["a", "b", "a"])
     losses.finite_or_raise({"total": 1.0}, 7, ["a"])
 
@@ -105,7 +105,7 @@ def test_targets_of_another_skeleton_are_made_anew(data):
     index.write_text(json.dumps(known))
     (data.cache_folder / "rooted-global-velocity.raw").write_bytes(b"")
     targets = prepare_targets(data, "global", "velocity", open_body_skeleton())
-    assert len(targets.pelvis_aligned_positions) == len(data.poses)
+    assert len(targets.untranslated_positions) == len(data.poses)
 
 
 def test_context_is_held_at_both_ends_of_a_clip(data):

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS
 from renderer.body.body import Body, BodyMotion
-from renderer.files.glb import GlbBuilder, glb_bytes, join_glb_chunks
+from renderer.files.glb import GlbBinary, glb_bytes, join_glb_chunks
 
 _FINGER = {name: name.title() for name in ("thumb", "index", "middle", "ring", "pinky")}
 _MIXAMO = {
@@ -169,7 +169,7 @@ def character(
             vrm = document.setdefault("extensions", {}).setdefault("VRM", {})
             bones = vrm.setdefault("humanoid", {}).setdefault("humanBones", [])
             bones.append({"bone": bone, "node": node})
-    buffer = GlbBuilder()
+    buffer = GlbBinary()
     stored = binds.transpose(0, 2, 1).astype(np.float32).reshape(-1, 16)
     buffer.add_accessor(stored)
     buffer.views[0]["byteOffset"] = len(binary)

@@ -11,7 +11,7 @@ from conventions.joints import FINGERS, JOINT_NAMES
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.body.body_file import BodyError
 from renderer.body.gltf import Gltf
-from renderer.body.lod import CLUSTERED_FACES, clustered_lod_faces
+from renderer.body.lod import CLUSTERED_FACES, character_lod_faces
 from renderer.files.character_glb import character_glb_bytes
 from renderer.files.glb import glb_bytes, join_glb_chunks
 from tests.renderer.body.made_character import (
@@ -155,7 +155,7 @@ def test_character_without_a_face_is_written_for_the_stage(open_body, tmp_path):
 
 
 def test_coarser_meshes_keep_the_surface_and_every_finger(read):
-    meshes = clustered_lod_faces(read)
+    meshes = character_lod_faces(read)
     assert all(len(faces) <= most for faces, most in zip(meshes, CLUSTERED_FACES, strict=True))
 
     def area_m2(faces: np.ndarray) -> float:
@@ -228,7 +228,7 @@ def positions_of(document: dict) -> dict:
         (lambda d: d.update(extensionsUsed=["KHR_draco_mesh_compression"]), "Draco"),
         (lambda d: d.update(extensionsUsed=["EXT_meshopt_compression"]), "meshopt"),
         (lambda d: d["buffers"][0].update(uri="file:///etc/passwd"), "other files"),
-        (lambda d: d["nodes"][0].update(children=[0]), "child of two nodes|form a cycle"),
+        (lambda d: d["nodes"][0].update(children=[0]), "has two parents|form a cycle"),
         (lambda d: d.update(skins=[]), "damaged|no skin"),
         (lambda d: d.update(nodes=[{}] * 6000), "6000 nodes"),
         (lambda d: positions_of(d).update(count=10**9), "100000 vertices"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from renderer.body.body import Body, load_body
-from renderer.body.lod import FACES_PER_SQUARE_PX, select_lod
+from renderer.body.lod import FACES_PER_SQUARED_HEIGHT_PX, select_lod
 from tests.golden.regenerate import PICTURES, posed
 from tests.renderer.body.test_body import expanded_to_smplx
 
@@ -23,7 +23,7 @@ def test_a_mesh_is_as_fine_as_the_picture_needs_and_no_finer():
     counts = [len(select_lod(body, height_px).faces) for height_px in (100.0, 455.0, 640.0, 2000.0)]
     assert counts == sorted(counts) and len(set(counts)) == 4 and counts[-1] == len(body.faces)
     for height_px, count in zip((100.0, 455.0, 640.0), counts, strict=False):
-        assert count >= FACES_PER_SQUARE_PX * height_px**2
+        assert count >= FACES_PER_SQUARED_HEIGHT_PX * height_px**2
 
 
 @pytest.mark.parametrize("is_open", [True, False])

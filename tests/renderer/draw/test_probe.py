@@ -22,7 +22,7 @@ def test_the_first_that_works_draws(monkeypatch, working):
 @pytest.mark.parametrize(
     ("script", "error"),
     [
-        ("kill -SEGV $$\n", "the driver ended by signal 11 (SIGSEGV)"),
+        ("kill -SEGV $$\n", "the test process ended by signal 11 (SIGSEGV)"),
         ("echo 'no such library' >&2\nexit 1\n", "no such library"),
         ("exit 3\n", "exit status 3"),
     ],

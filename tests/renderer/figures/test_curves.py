@@ -12,7 +12,7 @@ from renderer.figures.curves import (
     STEP_PANELS,
     draw_cumulative_distributions,
     draw_noise_shift_along_chain,
-    draw_sampling_step_sweep,
+    draw_speed_quality_tradeoff,
 )
 from renderer.figures.errors import FigureError
 from renderer.figures.style import matplotlib_settings, save_figure
@@ -86,8 +86,8 @@ def test_neither_one_clip_far_off_nor_equal_values_spoil_the_axis():
 
 def test_every_step_is_where_its_numbers_are():
     with matplotlib_settings():
-        figure = draw_sampling_step_sweep(MARKS)
-        slow = draw_sampling_step_sweep(MARKS.assign(ms_per_frame=10 * MARKS["ms_per_frame"]))
+        figure = draw_speed_quality_tradeoff(MARKS)
+        slow = draw_speed_quality_tradeoff(MARKS.assign(ms_per_frame=10 * MARKS["ms_per_frame"]))
     for axes in figure.axes:
         drawn = {
             (line.get_label(), float(x), float(y))
@@ -160,4 +160,4 @@ def test_what_cannot_be_drawn_is_told():
         (MARKS.assign(distance_cm=float("nan")), "gan/5 with 1 sampling steps"),
     ):
         with pytest.raises(FigureError, match=says):
-            draw_sampling_step_sweep(points)
+            draw_speed_quality_tradeoff(points)

@@ -11,7 +11,7 @@ from PIL import Image
 from renderer.body.body import BodyMotion, load_body
 from renderer.figures.errors import FigureError
 from renderer.figures.figure6.contents import (
-    MIN_FRAMES,
+    MIN_TREMOR_FRAMES,
     ONE_SEED_CAVEAT,
     PANELS,
     Figure6,
@@ -183,9 +183,9 @@ def test_no_peak_is_cut_and_each_axis_has_a_scale(shift, spread):
 def test_caption_states_frames_source_filter_and_honesty() -> None:
     raw = check(**make_inputs(1), start_frame=30).caption
     assert "frames 30 to 299 of 2_scott_0_1_1 at 30 fps" in raw
-    assert "The fingertip is fixed to the last finger joint" in raw
+    assert "The fingertip is rigidly attached to the last finger joint" in raw
     assert "The motion is unfiltered." in raw
-    assert "They are largest and darkest from 500 m/s³; joints below" in raw
+    assert "They are largest and darkest at 500 m/s³ and above; joints below" in raw
     assert raw.endswith(ONE_SEED_CAVEAT) and "an example, not a comparison" in raw
     assert "length" not in raw and "row" not in raw
     filtered = check(**make_inputs(1), post_filter="savgol").caption
@@ -391,7 +391,7 @@ def test_each_motion_has_a_strip_on_one_scale_with_its_rms_and_sees_what_lies_be
             np.testing.assert_allclose(line.get_xdata(), np.arange(300, 600) / FPS)
         rms = np.sqrt(np.square(off).sum(1).mean())
         assert f"{rms:.1f} mm rms" in axes.get_ylabel()
-    short = {"a": wave(1.0, 0.1, MIN_FRAMES - 1)}
+    short = {"a": wave(1.0, 0.1, MIN_TREMOR_FRAMES - 1)}
     assert "d" not in Figure6(short, {}, (), FPS).panels
 
 

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import JOINT_NAMES
 from conventions.views import BODY_BUILDS
 from renderer.body.body import Body, BodyMotion, load_body
-from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
+from renderer.body.body_file import OPEN_BODY_PATH, read_body_npz
 from renderer.body.skinning import VertexNormals
-from renderer.files.glb import STEP_M, body_build_bytes, glb_bytes
+from renderer.files.glb import BUILD_OFFSET_STEP_M, body_build_offsets_bytes, glb_bytes
 from tests.renderer.body.test_body import max_distance_mm, random_motion, smplx_file
 
 DTYPES = {5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -157,13 +157,15 @@ def test_body_without_names_or_colours(tmp_path):
 
 
 def test_every_build_comes_back_within_a_step():
-    first = read_body_file(OPEN_BODY_PATH)
+    first = read_body_npz(OPEN_BODY_PATH)
     normals_of = VertexNormals(first.faces, len(first.template))
-    read = np.frombuffer(body_build_bytes(), "<i2").reshape(
+    read = np.frombuffer(body_build_offsets_bytes(), "<i2").reshape(
         len(BODY_BUILDS) - 1, 2, *first.template.shape
     )
     for build, (offsets, normals) in zip(BODY_BUILDS[1:], read, strict=True):
-        expected = read_body_file(OPEN_BODY_PATH, build).template
+        expected = read_body_npz(OPEN_BODY_PATH, build).template
         assert np.abs(expected - first.template).max() > 0.01, "it is another one"
-        np.testing.assert_allclose(first.template + STEP_M * offsets, expected, atol=STEP_M)
+        np.testing.assert_allclose(
+            first.template + BUILD_OFFSET_STEP_M * offsets, expected, atol=BUILD_OFFSET_STEP_M
+        )
         np.testing.assert_allclose(normals / 32_767, normals_of(expected), atol=2e-5)

@@ -13,7 +13,7 @@ from conventions.joints import FINGERTIP_VERTICES, JOINT_INDEX
 from conventions.views import VIEWS
 from renderer.body.body import BodyMotion, load_body
 from renderer.scene.camera import (
-    MARGIN,
+    MARGIN_NDC,
     MAX_PAN_M,
     MAX_PITCH_RAD,
     ZOOM_RANGE,
@@ -78,7 +78,7 @@ def test_every_ball_lies_inside_the_picture(points, view, width, radius):
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     surface = (points[:, None] + 0.999 * radius * directions).reshape(-1, 3)
     pixels = camera.project(surface, width, height)
-    free = 0.5 * MARGIN * np.array([width, height])
+    free = 0.5 * MARGIN_NDC * np.array([width, height])
     assert (pixels > free - 1e-3).all() and (pixels < (width, height) - free + 1e-3).all()
 
 
@@ -89,8 +89,8 @@ def test_the_camera_comes_as_near_as_it_may():
         pixels = fit_camera(points, view, aspect=1.5).project(points, 1500, 1000)
         used = np.ptp(pixels, axis=0) / (1500, 1000)
         # One axis decides the distance: it uses the picture up to the margin on both sides.
-        assert used.max() == pytest.approx(1 - MARGIN, abs=1e-6)
-        np.testing.assert_array_less(used, 1 - MARGIN + 1e-6)
+        assert used.max() == pytest.approx(1 - MARGIN_NDC, abs=1e-6)
+        np.testing.assert_array_less(used, 1 - MARGIN_NDC + 1e-6)
 
 
 @pytest.mark.parametrize("view", VIEWS)

@@ -147,7 +147,7 @@ LIGHT, DARK = 200, 60
 
 
 def pair_of(overlay: OverlayMode) -> SuperposedPair:
-    return SuperposedPair(overlay, WIDTH, HEIGHT, BODY, (HAND,), wipe_edge_px=20)
+    return SuperposedPair(overlay, WIDTH, HEIGHT, BODY, (HAND,), wipe_position_px=20)
 
 
 def laid(tmp_path: Path, overlay: OverlayMode) -> np.ndarray:

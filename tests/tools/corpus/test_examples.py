@@ -6,7 +6,7 @@ import wave
 import numpy as np
 import pytest
 
-from model.plan.files import read_corpus_plan
+from model.plan.files import read_corpus_textgrid
 from model.speech.audio import load_speech
 from tests.tools.corpus.made_example import EXAMPLE, LENGTH_S, NAME, made_example
 from tools.corpus.clip import ClipPaths
@@ -62,7 +62,7 @@ def test_the_procedural_speaker_is_what_the_corpus_program_makes(tmp_path, flite
 
 
 def test_the_procedural_speaker_is_told_of_in_full():
-    plan = read_corpus_plan(EXAMPLE / f"{NAME}.TextGrid")
+    plan = read_corpus_textgrid(EXAMPLE / f"{NAME}.TextGrid")
     assert plan.duration_s == LENGTH_S
     for phases in (plan.left, plan.right):
         assert (phases[0].start_s, phases[-1].end_s) == (0.0, LENGTH_S)

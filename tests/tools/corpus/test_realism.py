@@ -11,7 +11,7 @@ from tools.corpus.report.realism import (
     Figures,
     PosedClip,
     head_windows,
-    measure_realism,
+    measure_separability,
     realism_windows,
 )
 
@@ -87,7 +87,7 @@ def test_a_tremor_shows_at_its_frequency():
 
 
 def test_stiff_fingers_are_found_and_named_first():
-    realism = measure_realism([person(0), person(1)], [person(2, 0.6), person(3, 0.6)])
+    realism = measure_separability([person(0), person(1)], [person(2, 0.6), person(3, 0.6)])
     assert realism.joint > 0.95
     features = realism.features
     assert set(features.index[:2]) == {"finger turning, deg/s", "finger angle from flat, deg"}
@@ -95,7 +95,7 @@ def test_stiff_fingers_are_found_and_named_first():
     top = features.iloc[0]
     assert top.auc > 0.95 and top.real_auc < 0.7 and top.corpus < min(top["first"], top.second)
     # A regression judged on the clips it was trained on would find a difference here.
-    alike = measure_realism([person(0), person(1)], [person(2), person(3)])
+    alike = measure_separability([person(0), person(1)], [person(2), person(3)])
     assert 0.3 < alike.joint < 0.68 and 0.3 < alike.floor < 0.7
     assert (alike.features.auc < 0.68).all()
 

@@ -250,7 +250,7 @@ def add_idle_motion(
 ) -> None:
     """Add drift of both hands and of each, coupling and tremor, scaled by ``share`` per frame."""
     num_frames = len(curves["left"])
-    vigour = vigour_of(speaker)
+    vigour = hand_vigour(speaker)
     common = smooth_noise(rng, num_frames, 0.008, 0.4, 3)
     common += smooth_noise(rng, num_frames, 0.0055 * speaker.amplitude, 0.16, 3)
     velocity = {side: np.gradient(curves[side][:, POSITION], axis=0) for side in SIDES}
@@ -272,7 +272,7 @@ def add_idle_motion(
         hand += share[:, None] * life
 
 
-def vigour_of(speaker: Speaker) -> float:
+def hand_vigour(speaker: Speaker) -> float:
     """Return a factor of about 1 for the liveliness of a speaker's wrists and fingers."""
     return ((speaker.energy + speaker.amplitude + speaker.sway) / 3) ** 2.5
 
@@ -284,7 +284,7 @@ def _finger_life(
     num_frames = len(hand)
     speed = np.linalg.norm(np.gradient(hand[:, POSITION], axis=0), axis=1) * FPS
     energy = np.clip(0.65 + low_pass(speed, 0.15) / 0.65, 0.65, 1.7)[:, None]
-    energy *= speaker.finger_life * vigour_of(speaker) ** 0.25
+    energy *= speaker.finger_life * hand_vigour(speaker) ** 0.25
     life = np.zeros((num_frames, SHAPE_SIZE))
     each_finger = smooth_noise(rng, num_frames, 6.0, 0.13, 4)
     flex = np.repeat(each_finger, 3, axis=1) * np.tile([1.0, 1.2, 0.6], 4)

@@ -76,8 +76,7 @@ def finger_rotations(
 ) -> dict[int, Float[np.ndarray, "T 3 3"]]:
     """Compute the local rotations of one hand's 15 joints.
 
-    ``curves`` are hand shapes, ``twist`` the rotation of each long finger's joint about its bone,
-    both in degrees.
+    ``curves`` are hand shapes, ``twist`` rotations about the long fingers' bones, both in degrees.
     """
     sign = SIDE_SIGN[side]
     rotations = {}

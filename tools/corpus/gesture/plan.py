@@ -13,7 +13,7 @@ from jaxtyping import Float
 from model.plan.plan import Phase
 from tools.corpus.gesture.choice import GestureSelector
 from tools.corpus.gesture.gestures import FLEX, GESTURES, HandPose
-from tools.corpus.gesture.speaker_style import PoseSampler, distance_from_neutral
+from tools.corpus.gesture.speaker_style import PoseSampler, off_neutral_share
 from tools.corpus.people.rig import SIDE_SIGN, SIDES
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.prosody import Phrase, Utterance
@@ -263,7 +263,7 @@ class _Planner:
             since_s = beat_s - last.arrive_s
             if since_s < 0.27:
                 continue
-            far = distance_from_neutral(last.pose)
+            far = off_neutral_share(last.pose)
             held = manner.relaxed_towards_centre(
                 last.pose, min((0.15 + 0.45 * far) * since_s, 0.45)
             )
@@ -277,7 +277,7 @@ class _Planner:
         rng = self.rng
         while end_s + 0.3 - self._last(side).arrive_s > 0.6:
             pose = self._last(side).pose
-            far = distance_from_neutral(pose)
+            far = off_neutral_share(pose)
             held = self.manner.relaxed_towards_centre(pose, rng.uniform(0.15, 0.3) + 0.3 * far)
             arrive_s = self._last(side).arrive_s + rng.uniform(0.55, 0.8) - 0.1 * far
             self._add(side, arrive_s, rng.uniform(0.5, 0.75), held, "hold", name)

@@ -163,7 +163,7 @@ class PoseSampler:
         return up, down
 
 
-def distance_from_neutral(pose: HandPose) -> float:
+def off_neutral_share(pose: HandPose) -> float:
     """Return 0 in the middle of the gesture space, rising to 1 at 20 cm."""
     return float(np.clip(np.linalg.norm(pose.position - NEUTRAL) / 0.2, 0.0, 1.0))
 

@@ -205,7 +205,7 @@ class Speaker:
     pause_threshold_s: float = 0.7
     """Longest pause (s) without retraction."""
     energy: float = 1.0
-    """Strength of accents of head and trunk."""
+    """Strength of accents of head and trunk, and a factor of the liveliness of the hands."""
     sway: float = 1.0
     lean_deg: float = 0.0
     steps: float = 1.0

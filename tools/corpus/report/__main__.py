@@ -30,7 +30,7 @@ from tools.corpus.gesture.gestures import GESTURES, REST, HandPose
 from tools.corpus.gesture.plan import HandKey, HandPlan
 from tools.corpus.people.rig import Rig, axis_angles, euler_matrices, open_body_rig
 from tools.corpus.people.speaker import SPEAKERS
-from tools.corpus.report.realism import Figures, MeasuredClip, measure_clip, measure_realism
+from tools.corpus.report.realism import Figures, MeasuredClip, measure_clip, measure_separability
 
 COLUMNS, SIZE_PX = 8, 144
 VIEW = "three_quarter"
@@ -128,7 +128,7 @@ def _realism(question: str, names: list[str], real: list[Figures], corpus: list[
     title = f"## {question}\n\n"
     if len(real) < 2 or len(corpus) < 2:
         return f"{title}There are too few clips for a classifier.\n"
-    realism = measure_realism(real, corpus)
+    realism = measure_separability(real, corpus)
     rows = []
     for row in (
         realism.features.head(NUM_TABLE_FEATURES).reset_index(names="name").to_dict("records")

@@ -82,7 +82,7 @@ Figures = pd.DataFrame
 
 
 @dataclass(frozen=True)
-class Realism:
+class Separability:
     """Separability of real windows and windows of the corpus; 0.5 is chance."""
 
     joint: float
@@ -97,11 +97,11 @@ class Realism:
     between real and corpus, negative if it works against the others."""
 
 
-Silences = Sequence[tuple[float, float]]
+ListeningSpans = Sequence[tuple[float, float]]
 """Starts and ends (s) of the person's listening."""
 
 
-def realism_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
+def realism_windows(clip: PosedClip, silences: ListeningSpans = ()) -> Figures:
     """Compute statistics of 2 s windows without listening, one a second, from 65 frames on."""
     paths = {
         "fingertip": clip.right_tip,
@@ -111,7 +111,7 @@ def realism_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
     return _figures(_series(clip), paths, silences)
 
 
-def head_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
+def head_windows(clip: PosedClip, silences: ListeningSpans = ()) -> Figures:
     """Compute statistics of head and jaw in the same windows.
 
     Brows, lids and lips are left out, as recordings have another basis of face units, and the
@@ -136,7 +136,7 @@ def head_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
 def _figures(
     series: dict[str, Float[np.ndarray, " _"]],
     paths: dict[str, Float[np.ndarray, "_ D"]],
-    silences: Silences,
+    silences: ListeningSpans,
 ) -> Figures:
     """Compute window means of series, and spectral shares and centroids of paths."""
     num_frames = min(len(path) for path in paths.values())
@@ -269,7 +269,7 @@ def _area(low: Float[np.ndarray, " N"], high: Float[np.ndarray, " M"]) -> float:
     return float(roc_auc_score(_sides(low, high), np.concatenate([low, high])))
 
 
-def measure_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
+def measure_separability(real: list[Figures], corpus: list[Figures]) -> Separability:
     """Compare the corpus with two real clips, trained on one and half of it, tested on the rest."""
     first, second = real[:2]
     halves = pd.concat(corpus[0::2]), pd.concat(corpus[1::2])
@@ -292,7 +292,7 @@ def measure_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
             "share": np.mean([gap / max(gap.sum(), 1e-9) for gap in gaps], axis=0),
         }
     )
-    return Realism(
+    return Separability(
         joint=float(np.mean(joint)),
         floor=_floor(first, second),
         features=features.sort_values("auc", ascending=False, kind="stable"),

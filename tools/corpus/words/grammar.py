@@ -265,7 +265,7 @@ GRAMMAR: Rules = {
 Split = Literal["train", "val", "test"]
 SPLITS: tuple[Split, ...] = ("train", "val", "test")
 
-MIN_SENTENCES, MAX_SENTENCES = 3, 7  # sentences on one topic
+MIN_SENTENCES, MAX_LISTED_EXCLUSIONS = 3, 7  # sentences on one topic
 ANSWER_SHARE = 0.6  # share of answered questions
 _KIND_NAMES = tuple(KINDS)
 _KIND_SHARES = np.array(list(KINDS.values())) / sum(KINDS.values())
@@ -283,7 +283,7 @@ def generate_sentences(rng: np.random.Generator, split: Split) -> Iterator[str]:
     while True:
         topic = TOPICS[_TOPIC_NAMES[rng.integers(len(_TOPIC_NAMES))]]
         kind = _draw_kind(rng)
-        for _ in range(rng.integers(MIN_SENTENCES, MAX_SENTENCES + 1)):
+        for _ in range(rng.integers(MIN_SENTENCES, MAX_LISTED_EXCLUSIONS + 1)):
             yield _sentence(rng, split, topic, kind)
             answers = kind == "QUESTION" and rng.random() < ANSWER_SHARE
             kind = AFTER_A_QUESTION if answers else _draw_kind(rng)

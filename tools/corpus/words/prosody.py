@@ -22,9 +22,9 @@ STRONG_WORDS = frozenset(
     """really never always every all huge very so exactly best worst only most no big wow amazing
     whole stop crazy incredible nobody everybody completely tiny wonderful exaggerating""".split()
 )
-POINTING_WORDS = frozenset("i you me we here there up down all this now".split())
+CONTRASTIVE_WORDS = frozenset("i you me we here there up down all this now".split())
 """Words that are accented now and then, as if contrasted with another one."""
-POINTING_SHARE = 0.25
+CONTRASTIVE_SHARE = 0.25
 LEAD_S = 0.5  # silence before the first word
 MIN_ACCENT_GAP_S = 0.33
 ACCENT_PITCH = 0.13  # playback speeds up by this share on an accent of 1
@@ -218,7 +218,7 @@ def _place_accents(
             for k in phrase.words
             if words[k].is_content
             or words[k].text in STRONG_WORDS
-            or (words[k].text in POINTING_WORDS and rng.random() < POINTING_SHARE)
+            or (words[k].text in CONTRASTIVE_WORDS and rng.random() < CONTRASTIVE_SHARE)
         ] or [phrase.words[-1]]
         score = {
             k: 0.5

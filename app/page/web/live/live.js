@@ -58,7 +58,7 @@ class Live {
 
   /** Stop, and return the token of the session, whose last minute can then be saved. */
   stopForSaving() {
-    this.stop("Stopped. The last minute is being saved below.");
+    this.stop("Stopped. The last minute is being saved; the run will appear below.");
     return this.#token;
   }
 

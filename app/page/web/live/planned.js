@@ -34,7 +34,7 @@ export class Planned {
     this.canvas = make("canvas", { width: 560, height: 64, role: "img", "aria-label": "Planned phases of both hands" });
     this.now = make("p", { class: "hint" }, "Hands rest.");
     this.element = make("div", { class: "planned", hidden: true }, this.canvas, this.now,
-      make("details", { open: true }, make("summary", {}, "Style (from the next window)"), make("div", { class: "sliders" }, ...sliders, excite, back)));
+      make("details", { open: true }, make("summary", {}, "Style (takes effect in the next generated window)"), make("div", { class: "sliders" }, ...sliders, excite, back)));
   }
 
   #slider(name, label, min, max, step) {

@@ -22,7 +22,7 @@ export class Sound {
   /** Rejects with an Error that holds a sentence. */
   async listen() {
     if (!navigator.mediaDevices) {
-      throw new Error("Browsers allow the microphone only on https pages or on this computer. Choose an example or a file.");
+      throw new Error("Browsers allow the microphone only on https pages or on localhost. Choose an example or a file.");
     }
     try {
       this.#stream = await navigator.mediaDevices.getUserMedia({ audio: CONSTRAINTS });

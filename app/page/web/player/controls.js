@@ -10,7 +10,7 @@ const LOOP_S = 2; // what a loop holds at first
 const HOP_S = 1; // of the arrow keys
 const KEYS = {
   "Space": "play or pause", "← →": "one second", ", .": "one frame", "L": "loop", "W": "highest-jerk second", "C": "close-up", "E": "exaggerate", "J": "jerk colours", "T": "trail",
-  "X": "switch between two bodies", "G": "overlay two bodies (ghost)", "1 to 9": "enlarge body 1 to 9", "+ − 0": "zoom the timeline", "On the bodies": "arrows turn the camera, + and − zoom, Home resets",
+  "X": "switch between two bodies", "G": "overlay two bodies (ghost)", "1 to 9": "enlarge body 1 to 9", "+ − 0": "zoom the timeline", "When the viewer has focus": "arrows turn the camera, + and − zoom, Home resets",
 };
 
 export class Controls {

@@ -9,7 +9,7 @@ import { DISPLAYS } from "../stage/look.js";
 const CLOSE_UPS = { hands: "Hands", face: "Face", both: "Both", off: "None" };
 const SIDES = { Front: [0, 0], "Three quarters": [0.7, 0], Side: [Math.PI / 2, 0], Above: [0, 0.7] }; // yaw and pitch
 const STRONG = 20; // what the key makes of tremble
-const SMOOTHED = "Savitzky-Golay filter, 7 frames, as in the official GlobalDiff code. Also switches plots and metrics.";
+const SMOOTHED = "Savitzky-Golay filter, 7 frames, as in the official GlobalDiff code. Also applies to plots and metrics.";
 
 export class Displays {
   #look;

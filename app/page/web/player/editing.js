@@ -30,7 +30,7 @@ const SLIDERS = {
   both: ["Two-handed gestures", 0, 1, 0.05, "%", 100],
   smile: ["Smile", 0, 1, 0.05, "%", 100],
 };
-const HINT = "Select a gesture. You can drag a stroke, or the end of any hand phase.";
+const HINT = "Select a gesture. You can drag a stroke, or the end of any gesture phase.";
 const NOTHING = { rows: [], editable: {}, message: "", is_refused: false, is_working: false, suggestions: [] };
 
 export class Editing {

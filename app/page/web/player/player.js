@@ -53,7 +53,7 @@ class Player {
       this.#why.hidden = false; // no WebGL here
     }
     const orbit = this.#stage?.orbit;
-    this.controls = new Controls(this.#lockstep, this.#stage, this.#audio, this.#look, { "Make a video of this": () => this.#makeVideo() });
+    this.controls = new Controls(this.#lockstep, this.#stage, this.#audio, this.#look, { "Make a video of this view": () => this.#makeVideo() });
     this.timeline = new Timeline(this.#lockstep);
     this.editing = new Editing(this.#lockstep, this.timeline, { send: () => this.#press(".take-start"), onShown: () => this.#showStage(), onExpected: (places) => this.#stage?.expect(places) });
     this.editing.toggle.addEventListener("click", () => this.editing.isOpen && this.#foldForm(true));

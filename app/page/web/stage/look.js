@@ -25,14 +25,14 @@ export const DISPLAYS = {
   cutoff: { short: "cut", usual: 5, range: [3, 8], slider: { label: "Jitter cutoff frequency", unit: "Hz", step: 0.5 } },
   heatScale: { short: "scale", usual: 500, range: [50, 2000], slider: { label: "Maximum of the jerk colour scale", unit: "m/s³", step: 10 } },
   trailFrames: { short: "long", usual: 30, range: [5, 90], slider: { label: "Trail", unit: "frames", step: 1 } },
-  point: { short: "point", usual: "right_middle", choice: { word: "of", label: "Point of the trail", options: ({ points }) => Object.entries(points) } },
+  point: { short: "point", usual: "right_middle", choice: { word: "of", label: "Body point of the trail", options: ({ points }) => Object.entries(points) } },
   isWhole: { short: "whole", usual: false, toggle: "Whole body" },
   isAligned: { short: "align", usual: true, toggle: "Align at the pelvis" },
   hasWords: { short: "words", usual: true, toggle: "Words" },
   hasBones: { short: "bones", usual: false, toggle: "Skeleton" },
   hasAxes: { short: "axes", usual: false, toggle: "Joint axes" },
   build: { short: "build", usual: "average", choice: { word: "Shape", label: "Body shape", options: ({ builds }) => builds.names.map(capitalised) } },
-  tone: { short: "tone", usual: "light", choice: { word: "Tone", label: "Tone of the bodies", options: ({ tones }) => Object.keys(tones).map(capitalised) } },
+  tone: { short: "tone", usual: "light", choice: { word: "Tone", label: "Skin tone of the bodies", options: ({ tones }) => Object.keys(tones).map(capitalised) } },
 };
 
 /** @type {(name: string) => [string, string]} */

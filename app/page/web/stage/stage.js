@@ -621,7 +621,7 @@ export class Stage {
     const [first, second] = this.pair.map((name) => this.#rows.get(name)?.row);
     if (!first || !second) return;
     const isOther = first.noise_key !== second.noise_key;
-    const ofNoise = isOther ? " They were generated from different noise, so the gestures differ." : "";
+    const ofNoise = isOther ? " The motions were generated from different noise, so the gestures differ." : "";
     const how = {
       ghost: `Each body in its own colour; dark where they overlap.${this.#look.get("isAligned") ? " Aligned at the pelvis." : ""}`,
       wipe: "Drag the line.",

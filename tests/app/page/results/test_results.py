@@ -29,7 +29,7 @@ from app.page.results.result_parts import NO_SENTENCES, figures_html
 from app.page.results.run_comparison import RunPair, match_motions, settings_sentence
 from app.page.results.run_view import RunView
 from app.page.results.saved_runs import SavedRuns, url_of_runs
-from app.page.results.tables import clips_html, run_metrics_table, sets_html
+from app.page.results.tables import jerk_by_clip_html, run_metrics_table, sets_html
 from app.run.output.provenance import NONE, differing_settings, settings_summary
 from app.run.output.run_folder import RunRecord
 from app.run.requests.requests import AnyRun
@@ -307,7 +307,7 @@ def test_sets_and_clips_have_the_rule_of_each_metric_one_click_away(run):
     fgd, gac = PROTOCOLS["fgd/workbench"].rule, PROTOCOLS["gac/unicamp"].rule
     for sentences in (about[JERK], gac, fgd, chance):
         assert f"<dd>{escape(sentences)} <code>" in shown
-    clips = clips_html({"1": run().record, "2": run().record})
+    clips = jerk_by_clip_html({"1": run().record, "2": run().record})
     assert "<code>workbench/1</code>" in clips.split('<details class="rules">')[1]
     assert all(row.description.count(". ") <= 1 for row in METRICS)
 

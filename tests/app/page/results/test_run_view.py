@@ -56,13 +56,13 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
     assert media.file_of_url(last["timeline"], "mine") and not media.file_of_url(last["audio"], "")
     assert all(media.file_of_url(row["plan"], "mine") for row in last["rows"][:2])
     assert [row["is_planned"] for row in last["rows"][:2]] == [True, False]
-    assert run_view.planned_rows() == [NAMES[0]]
+    assert run_view.original_rows_with_input_plan() == [NAMES[0]]
 
 
 def test_another_browser_gets_addresses_of_its_own_and_changes_nothing(tmp_path):
     run_view = made_run(tmp_path / "job")
     run_view.set_editor_state()
-    other = run_view.for_browser(lambda path: f"other/{path.name}")
+    other = run_view.read_only_copy(lambda path: f"other/{path.name}")
     mine, theirs = run_view.player_value(), other.player_value()
     assert "editing" in mine and "editing" not in theirs
     assert theirs["audio"] == "other/speech.wav" and mine["audio"].startswith("media/")

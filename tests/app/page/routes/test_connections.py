@@ -31,7 +31,7 @@ def page(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bl
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("GRADIO_TEMP_DIR", "")  # launching sets it for the whole process
         patch.setattr(connections, "STALLED_S", 0.2)
-        patch.setattr(connections, "MAX_CONNECTIONS", MOST)
+        patch.setattr(connections, "MAX_CONNECTIONS_PER_ADDRESS", MOST)
         temp = tmp_path_factory.mktemp("page")
         page = launch(AppConfig(port=0, weights=weights, temp_folder=temp), preloads_models=False)
         yield page

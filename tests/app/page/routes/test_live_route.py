@@ -53,7 +53,7 @@ def test_sound_goes_in_and_frames_come_out(client, sessions, tmp_path):
         first, count, *_ = HEADER.unpack_from(socket.receive_bytes())
         assert first == 0 and count >= 9
     with pytest.raises(RunError, match="no live recording"):
-        sessions.save_recording(ready["token"], "yours", tmp_path)
+        sessions.save_last_minute(ready["token"], "yours", tmp_path)
     # The connection ends, and the minute outlives it.
     wait_for(lambda: not sessions.performers.open and len(sessions.performers.ended) == 1)
 
@@ -102,7 +102,7 @@ def test_what_is_no_sound_ends_the_session(client, sessions):
 
 def test_one_too_many_is_told(client, monkeypatch):
     monkeypatch.setattr("app.live.session_process.MAX_SESSIONS", 2)
-    monkeypatch.setattr("app.live.session_process.MAX_SESSIONS_EACH", 1)
+    monkeypatch.setattr("app.live.session_process.MAX_SESSIONS_PER_ADDRESS", 1)
     answers = []
     visitors = [TestClient(client.app, client=(f"10.0.0.{k}", 1)) for k in (1, 1, 2, 3)]
     with (

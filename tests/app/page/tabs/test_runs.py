@@ -31,7 +31,7 @@ from app.page.tabs.stage import BackgroundVideos, RemainingTime
 from app.page.tabs.study import NO_COOKIE, StudyPlanRunner, StudyRunner, build_study_tab
 from app.page.visitors.job_folders import Job
 from app.run.batch.archives import UNPACKED
-from app.run.batch.saved_run import OPENED
+from app.run.batch.saved_run import UNPACKED_ZIP_FOLDER
 from app.run.callbacks import RunCallbacks, StageProgress
 from app.run.output.run_folder import RUN, zip_run
 from app.run.requests.parts import VideoOptions
@@ -140,12 +140,12 @@ def test_a_run_that_finds_no_place_in_the_queue_leaves_no_line_that_it_waits(tmp
         form, parts = build_form(services), ResultParts()
     runner = GenerateRunner(services, form, parts)
     assert "Waiting" in runner.waiting_updates(VISITOR)[parts.status]
-    refused = runner.failure_updates(VISITOR)
+    refused = runner.reset_updates_on_failure(VISITOR)
     assert text.READY in refused[parts.status] and refused[form.start]["interactive"]
     runner.waiting_updates(VISITOR)
     services.jobs.quota.max_bytes = -1
     assert "the limit is" in updates_of(runner, parts, str(speech))[-1]["error"]
-    assert parts.status not in runner.failure_updates(VISITOR), (
+    assert parts.status not in runner.reset_updates_on_failure(VISITOR), (
         "which says already that it has failed"
     )
 
@@ -171,7 +171,7 @@ def test_a_run_that_is_refused_or_fails_leaves_nothing_that_it_unpacked(tmp_path
 
         return do
 
-    own = Own(tmp_path, unpack(OPENED), unpack(f"results/{UNPACKED}"))
+    own = Own(tmp_path, unpack(UNPACKED_ZIP_FOLDER), unpack(f"results/{UNPACKED}"))
     for name in ("a.npz", "a.zip"):
         last = updates_of(own.runner, own.parts, [str(tmp_path / name)], *ONE)[-1]
         assert last == {"error": "It is too large."}
@@ -305,7 +305,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     keeps, live, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("app.live.sessions.MAX_AHEAD_S", 10.0)  # nobody waits for sound here
-    monkeypatch.setattr("app.live.sessions.RATE_WINDOW_S", 1e9)
+    monkeypatch.setattr("app.live.sessions.SOUND_ARRIVAL_WINDOW_S", 1e9)
     ready: list[Any] = []
     number = live.open(LIVE, "mine", ready.append)
     own = ready[0]["token"]

@@ -254,7 +254,7 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     assert editing["editable"][f"{ROW}.take1"]["from"] == ROW and not editing["is_working"]
     again = editor.ask(NOD, start=f"{ROW}.take1")
     assert again["editing"]["editable"][f"{ROW}.take2"]["from"] == f"{ROW}.take1"
-    other = editor.view.for_browser(str).player_value()
+    other = editor.view.read_only_copy(str).player_value()
     assert rows(other) == rows(again) and "editing" not in other, "whoever has the link sees them"
     with locked_record(editor.view.folder) as record:  # as where its page was closed meanwhile
         record.rows[-1].files.pop("editor")
@@ -285,7 +285,7 @@ def test_nobody_reaches_the_run_of_another(tmp_path):
     for cookie in ("another", ""):
         with pytest.raises(gr.Error, match="belongs to another browser"):
             editor.ask(NOD, cookie=cookie)
-    assert "editing" not in editor.view.for_browser(str).player_value()
+    assert "editing" not in editor.view.read_only_copy(str).player_value()
     assert "editing" in editor.view.player_value()
 
 

@@ -71,7 +71,7 @@ def test_a_sweep_that_fails_is_not_the_last(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr("app.page.visitors.job_folders.SWEEP_EVERY_S", 0.01)
     start_sweeper(tmp_path, KEEP_S, in_use)
     wait_for(lambda: not old.exists())
-    assert "a sweep failed" in caplog.text and "could not be deleted" in caplog.text
+    assert "deleting expired files failed" in caplog.text and "could not be deleted" in caplog.text
 
 
 HOLD = """
@@ -169,10 +169,10 @@ def test_the_uploads_of_one_address_have_a_limit_together(served, monkeypatch):
     assert send(visitor, b"b").status_code == 200, "the first, sent twice, is there once"
     before = served.uploads()
     full = send(visitor, b"c")
-    assert full.status_code == 400 and "from your address would take 0.0 GB" in full.text
+    assert full.status_code == 400 and "from your IP address would take 0.0 GB" in full.text
     ended = {"type": "http.request", "body": b"\r\n--b--\r\n"}
     start, unstated = served.sent("10.1.0.3", multipart(bytes(5000)), "b", ended)
-    assert start["status"] == 400 and b"from your address" in unstated["body"]
+    assert start["status"] == 400 and b"from your IP address" in unstated["body"]
     assert served.uploads() == before
     assert send(other, b"b").status_code == 200
     shutil.rmtree(Path(first.json()[0]).parent)

@@ -16,7 +16,7 @@ from app.run.batch.leaderboard import (
     LeaderboardEntry,
     MetricValue,
     entries_from_results,
-    leaderboard_html,
+    leaderboard_page_html,
     merge_entries,
     read_leaderboard,
     write_leaderboard,
@@ -166,7 +166,7 @@ def test_values_say_how_far_they_are_from_recorded() -> None:
     """What the page sorts by."""
     recorded = entry(system="reference", measures={"joint_jerk_m_s3": MetricValue(5, 5, 5, "", 2)})
     fgd = {"fgd": MetricValue(7, 6, 8, "", 2)}
-    html = leaderboard_html([entry(measures={**entry().measures, **fgd}), recorded])
+    html = leaderboard_page_html([entry(measures={**entry().measures, **fgd}), recorded])
     apart = [float(cell.split('"')[0]) for cell in html.split('data-apart="')[1:]]
     assert np.allclose(apart, [2.0, 7.0, 0.0])
 
@@ -175,9 +175,9 @@ def test_beat_align_stands_on_a_board_with_its_chance_level_or_not_at_all() -> N
     beats, chance = "beat_align", "beat_align_chance"
     value = MetricValue(0.4, 0.4, 0.4, "0 to 1", 1)
     recorded = entry(system="reference", measures={beats: value, chance: value})
-    alone = leaderboard_html([entry(measures={beats: value}), recorded])
+    alone = leaderboard_page_html([entry(measures={beats: value}), recorded])
     assert alone.count("0.4") - alone.count('"0.4"') == 2  # the recorded motion's two
-    both = leaderboard_html([entry(measures={beats: value, chance: value}), recorded])
+    both = leaderboard_page_html([entry(measures={beats: value, chance: value}), recorded])
     heads = [head for head in both.split("<tbody")[0].split("<th") if "BeatAlign" in head]
     assert len(heads) == 2 and not any('class="rare"' in head for head in heads)
     assert both.split("</table>")[1].count("<dt>Beat alignment: BeatAlign") == 2  # their rules
@@ -191,7 +191,7 @@ def test_errors_are_nearer_to_recorded_motion_the_smaller_they_are() -> None:
         entry(system=name, measures={key: MetricValue(of, of, of, "cm", 1)})
         for name, of in (("a", 2.0), ("b", 5.0))
     )
-    html = leaderboard_html([small, large])
+    html = leaderboard_page_html([small, large])
     assert [cell.split('"')[0] for cell in html.split('data-apart="')[1:]] == ["2", "5"]
 
 

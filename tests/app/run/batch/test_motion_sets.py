@@ -13,7 +13,7 @@ from app.errors import RunError
 from app.findings.metric_table import FGD, METRICS, SPEED
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.batch.table import (
-    LEAST_CLIPS,
+    MIN_CLIPS_FOR_DISTRIBUTION,
     draw_distribution_figure,
     format_cells,
     mean_with_interval,
@@ -82,7 +82,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     (protocols,) = {row["protocols"] for row in by_clip}
     assert protocols.startswith("workbench/1; ") and "l1_diversity_m l1div/emage" in protocols
     assert "beat_align beats/workbench;" in protocols
-    assert all("name no protocol use workbench/1" in (tmp_path / name).read_text()
+    assert all("this program's own, workbench/1" in (tmp_path / name).read_text()
                for name in ("summary.md", "table.tex"))  # fmt: skip
     of_lively = [row for row in by_clip if row["system"] == "lively"]
     mean = np.mean([float(row[SPEED]) for row in of_lively])
@@ -242,11 +242,15 @@ def numbers(clips: int, systems: list[str]) -> list[dict]:
 
 def test_few_clips_have_no_figure(tmp_path: Path):
     systems = ["a", REFERENCE_NAME]
-    assert draw_distribution_figure(tmp_path, systems, numbers(LEAST_CLIPS - 1, systems)) == (
+    assert draw_distribution_figure(
+        tmp_path, systems, numbers(MIN_CLIPS_FOR_DISTRIBUTION - 1, systems)
+    ) == (
         (),
         [],
     )
-    files, said = draw_distribution_figure(tmp_path, systems, numbers(LEAST_CLIPS, systems))
+    files, said = draw_distribution_figure(
+        tmp_path, systems, numbers(MIN_CLIPS_FOR_DISTRIBUTION, systems)
+    )
     assert [path.name for path in files] == [
         f"distributions.{e}" for e in ("png", "svg", "pdf", "txt")
     ]
@@ -259,5 +263,7 @@ def test_few_clips_have_no_figure(tmp_path: Path):
 
 def test_systems_beyond_the_styles_are_named(tmp_path: Path):
     systems = [f"system {k}" for k in range(12)] + [REFERENCE_NAME]
-    files, said = draw_distribution_figure(tmp_path, systems, numbers(LEAST_CLIPS, systems))
+    files, said = draw_distribution_figure(
+        tmp_path, systems, numbers(MIN_CLIPS_FOR_DISTRIBUTION, systems)
+    )
     assert files and "system 11" in said[0]

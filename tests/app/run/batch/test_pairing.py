@@ -224,7 +224,7 @@ def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
         assert any(words in line for line in bad.messages), words
     report = (tmp_path / "out" / "check.md").read_text()
     assert all(sentence in report for sentence in (*bad.messages, *bad.missing_and_extra))
-    with pytest.raises(RunError, match="also give these"):
+    with pytest.raises(RunError, match="give those as well"):
         check_sets(folders, None, tmp_path / "none")
     save_motion(smooth_motion_example(9, 0), tmp_path / "bad" / "2_scott_0_9_9_output.npz")
     with pytest.raises(RunError, match="files of bad have the same clip name"):

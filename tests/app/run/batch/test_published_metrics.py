@@ -12,7 +12,7 @@ from torch import nn
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.run.batch.leaderboard import entries_from_results, leaderboard_html
+from app.run.batch.leaderboard import entries_from_results, leaderboard_page_html
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import MetricOptions, parse_expected
@@ -147,11 +147,11 @@ def test_values_of_different_protocols_are_in_different_rows_of_tables(results: 
         assert f"| {name}/beat_align (0 to 1) |" in sheet
     lively, calm, *_ = entries_from_results(results.output.out)
     other = {key: replace(each, protocol="x/y") for key, each in calm.measures.items()}
-    page = leaderboard_html([lively, replace(calm, measures=other)])
+    page = leaderboard_page_html([lively, replace(calm, measures=other)])
     assert page.count("Slide on the ground <small>cm/s</small>") <= 1
     assert "foot_sliding_cm_s · workbench/1" in page and "foot_sliding_cm_s · x/y" in page
     assert lively.measures["beats/emage/beat_align"].protocol == "beats/emage"
-    assert "Protocol beats/emage." in leaderboard_html([lively, calm])
+    assert "Protocol beats/emage." in leaderboard_page_html([lively, calm])
 
 
 def _rule_rows(out: Path) -> dict[tuple[str, str, str], list[str]]:
@@ -285,7 +285,7 @@ def test_distances_by_encoders_of_genea_are_protocols_of_their_own(
     assert float(told["fgd", "calm", f"fgd/workbench, {taller}"][1]) == 0
     assert float(told["fgd", "calm", f"fgd/genea-30, {still}"][1]) == 0
     assert float(told["fgd", "calm", f"fgd/workbench, {still}"][1]) != 0
-    with pytest.raises(CheckpointError, match="second encoder for 30 frames"):
+    with pytest.raises(CheckpointError, match="second GENEA encoder for 30 frames"):
         diagnose_folders(replace_fields(results, genea_weights=(genea[30], genea[30])))
 
 

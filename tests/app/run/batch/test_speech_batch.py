@@ -13,7 +13,12 @@ from app.findings.comparison import values_by_metric
 from app.findings.metric_table import JERK
 from app.run import pipeline
 from app.run.batch.saved_run import SPEECH_FOLDER, copy_run, run_page_request
-from app.run.batch.speech_batch import clip_requests, find_speech_files, is_batch_input, run_batch
+from app.run.batch.speech_batch import (
+    clip_requests,
+    find_speech_files,
+    is_speech_folder_or_list,
+    run_batch,
+)
 from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from app.run.output.console import ProgressBars
 from app.run.output.run_folder import RUN, find_runs, is_run_zip, read_run, zip_run
@@ -242,9 +247,9 @@ def test_a_list_names_files_relative_to_itself_or_is_refused(speeches, tmp_path)
     listed = tmp_path / "list.txt"
     listed.write_text("# two of them\nspeech/c.wav\n\nspeech/a.wav\n")
     assert (
-        is_batch_input(listed)
-        and is_batch_input(speeches)
-        and not is_batch_input(speeches / "a.wav")
+        is_speech_folder_or_list(listed)
+        and is_speech_folder_or_list(speeches)
+        and not is_speech_folder_or_list(speeches / "a.wav")
     )
     found = find_speech_files(listed)
     assert list(found) == ["c", "a"] and all(path.is_absolute() for path in found.values())
@@ -278,7 +283,7 @@ def test_results_stay_in_their_folder_and_hidden_files_are_no_clips(speeches, we
 
 def test_what_belongs_to_one_clip_is_refused(speeches: Path, weights: Path, tmp_path: Path) -> None:
     asked = request_of(speeches, tmp_path / "out", weights, reference=tmp_path / "a.npz")
-    with pytest.raises(RunError, match="belongs to a single speech"):
+    with pytest.raises(RunError, match="belongs to a single recording"):
         run_batch(clip_requests(asked), HERE)
     assert not (tmp_path / "out").exists()
 

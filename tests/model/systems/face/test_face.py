@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from model.plan.plan_features import NUM_FACE_TRACKS
+from model.plan.plan_features import NUM_HEAD_FACE_TRACKS
 from model.systems.face.face import FaceModel, FaceNetwork, load_face
 from tests.model.made import TINY_EXPRESSION, made_prior
 
@@ -38,7 +38,7 @@ def test_a_face_that_was_drawn_is_remembered_and_no_other_taken_for_it(face, mon
 def test_a_plan_changes_the_face_and_is_remembered_beside_it(weights):
     face = load_face(weights)
     speech = torch.randn(HEARD, 68)
-    plan = torch.zeros(HEARD, NUM_FACE_TRACKS)
+    plan = torch.zeros(HEARD, NUM_HEAD_FACE_TRACKS)
     plan[:, -1] = 1.0
     for layer in (face.network.plan, face.network.branch):
         layer.out.weight.normal_(std=0.3)
@@ -60,7 +60,7 @@ def test_before_training_a_plan_says_nothing():
         "has_speech": torch.ones(2, dtype=torch.bool),
     }
     x_t, t = torch.randn(2, 60, 52), torch.tensor([0.1, 0.6])
-    tracks = torch.randn(2, HEARD, NUM_FACE_TRACKS)
+    tracks = torch.randn(2, HEARD, NUM_HEAD_FACE_TRACKS)
     plain = network(x_t, t, **asked)
     torch.testing.assert_close(network(x_t, t, tracks=tracks, **asked), plain)
     with torch.no_grad():

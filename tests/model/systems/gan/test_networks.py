@@ -78,7 +78,7 @@ def test_the_last_step_leaves_x_0():
     torch.testing.assert_close(mean, x_0)
     assert not deviation.any()
     assert diffusion_times(5) == pytest.approx([1.0, 0.8, 0.6, 0.4, 0.2, 0.0])
-    with pytest.raises(ValueError, match="steps is 0; at least 1 is needed"):
+    with pytest.raises(ValueError, match="steps must be at least 1; got 0"):
         diffusion_times(0)
 
 

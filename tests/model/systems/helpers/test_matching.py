@@ -10,14 +10,14 @@ from conventions.joints import JOINT_INDEX
 from model.motion.packing import Normaliser
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 from model.systems.helpers.matching import (
-    STILL_RAD_S,
+    LOG_SPEED_OFFSET_RAD_S,
     TRACKS,
     TRACKS_BY_PART,
     MatchingNetwork,
     SpeechMotionMatcher,
     agreement,
-    log_arm_speed,
-    log_speed_features,
+    centred_log_arm_speed,
+    speed_and_jaw_features,
 )
 from model.systems.helpers.task import contrastive_loss, make_task, pairwise_matching_accuracy
 from model.training.task import TaskSetup
@@ -39,7 +39,7 @@ def drawn(*shape: int, seed: int = 0) -> torch.Tensor:
 
 
 def track_of(poses: torch.Tensor, name: str) -> torch.Tensor:
-    return log_speed_features(poses)[0, :, TRACKS.index(name)]
+    return speed_and_jaw_features(poses)[0, :, TRACKS.index(name)]
 
 
 def wandering(batch: int, frames: int = 300, seed: int = 0) -> torch.Tensor:
@@ -57,12 +57,12 @@ def judge() -> SpeechMotionMatcher:
 
 @pytest.mark.parametrize("rad_s", [0.0, 0.5, 4.0])
 def test_a_track_is_the_log_of_the_speed_of_its_joint_alone(rad_s):
-    tracks = log_speed_features(turning("left_elbow", rad_s))[0]
+    tracks = speed_and_jaw_features(turning("left_elbow", rad_s))[0]
     moving = TRACKS.index("left_elbow")
-    expected = torch.full((60,), np.log(rad_s + STILL_RAD_S))
+    expected = torch.full((60,), np.log(rad_s + LOG_SPEED_OFFSET_RAD_S))
     torch.testing.assert_close(tracks[:, moving], expected, atol=1e-3, rtol=0)
     others = [k for k, name in enumerate(TRACKS) if k != moving and name != "jaw_open"]
-    assert (tracks[:, others] - np.log(STILL_RAD_S)).abs().max() < 1e-4
+    assert (tracks[:, others] - np.log(LOG_SPEED_OFFSET_RAD_S)).abs().max() < 1e-4
 
 
 def test_tracks_do_not_depend_on_the_pose():
@@ -73,27 +73,29 @@ def test_tracks_do_not_depend_on_the_pose():
     jaw = JOINT_INDEX["jaw"]
     elsewhere[:, :, jaw] = poses.unflatten(-1, (55, 3))[:, :, jaw]
     single = [k for k, name in enumerate(TRACKS) if name not in ("head", "trunk")]
-    found, moved = (log_speed_features(p)[..., single] for p in (poses, elsewhere.flatten(-2)))
+    found, moved = (speed_and_jaw_features(p)[..., single] for p in (poses, elsewhere.flatten(-2)))
     torch.testing.assert_close(moved, found, atol=1e-3, rtol=0)
 
 
 def test_a_head_held_still_against_a_turning_neck_turns_no_further():
     poses = turning("neck", 2.0).unflatten(-1, (55, 3))
     poses[:, :, JOINT_INDEX["head"]] = -poses[:, :, JOINT_INDEX["neck"]]
-    assert track_of(poses.flatten(-2), "head").exp().max() < STILL_RAD_S + 1e-3
+    assert track_of(poses.flatten(-2), "head").exp().max() < LOG_SPEED_OFFSET_RAD_S + 1e-3
 
 
 def test_tremble_is_hardly_speed():
     poses = torch.zeros(1, 60, 55, 3)
     poses[0, ::2, JOINT_INDEX["right_wrist"], 0] = 0.02  # from frame to frame .6 rad/s
-    assert track_of(poses.flatten(-2), "right_wrist")[6:-6].exp().max() < STILL_RAD_S + 0.02
+    assert (
+        track_of(poses.flatten(-2), "right_wrist")[6:-6].exp().max() < LOG_SPEED_OFFSET_RAD_S + 0.02
+    )
 
 
 def test_the_arms_speed_is_that_of_shoulders_and_elbows_at_half_the_rate():
     tracks = torch.zeros(1, 31, len(TRACKS))
     tracks[..., TRACKS.index("left_elbow")] = torch.arange(31.0)
     tracks[..., TRACKS.index("left_wrist")] = torch.randn(31)
-    found = log_arm_speed(tracks)[0, :, 0]
+    found = centred_log_arm_speed(tracks)[0, :, 0]
     assert found.shape == (16,) and found.mean().abs() < 1e-5
     torch.testing.assert_close(found.diff()[:-1], torch.full((14,), 0.5))
 
@@ -116,7 +118,7 @@ def test_a_voice_a_microphone_and_a_lively_habit_do_not_count(judge):
     torch.testing.assert_close(
         judge.agreements(poses, speech + colour, ALL), found, atol=1e-4, rtol=0
     )
-    tracks = judge.normaliser.normalise(log_speed_features(poses))
+    tracks = judge.normaliser.normalise(speed_and_jaw_features(poses))
     livelier = judge.network.encode_motion(tracks + 3.0)
     for part, track in judge.network.encode_motion(tracks).items():
         torch.testing.assert_close(livelier[part], track, atol=1e-3, rtol=0)

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from model.storage.cards import CheckpointError
-from model.storage.checkpoint import read_tensors
+from model.storage.checkpoint import read_torch_checkpoint
 from model.systems.official.checkpoints import network_by_file_name, official_file, official_folder
 from model.systems.official.networks import load_network, make_network
 from tests.model.systems.official.filled import fill
@@ -65,7 +65,7 @@ def test_the_last_epoch_is_taken_unless_one_is_called_best(tmp_path, monkeypatch
 def test_what_is_missing_is_told(tmp_path, monkeypatch):
     monkeypatch.delenv("OFFICIAL_DIR", raising=False)
     assert official_folder() is None
-    with pytest.raises(CheckpointError, match="name their folder with --official FOLDER"):
+    with pytest.raises(CheckpointError, match="give the folder with --official FOLDER"):
         official_file("motion")
     monkeypatch.setenv("OFFICIAL_DIR", str(tmp_path / "nowhere"))
     with pytest.raises(CheckpointError, match=r"There is no folder .*nowhere; name the one"):
@@ -100,9 +100,9 @@ def test_other_ways_of_saving_are_read_alike(expression, tmp_path):
     torch.save(small, tmp_path / "old.pt", _use_new_zipfile_serialization=False)
     _zipped(tmp_path / "best.zip", "folder/epoch_19")
     for path in tmp_path.iterdir():
-        assert_equal_states(dict(read_tensors(path)), dict(small))
+        assert_equal_states(dict(read_torch_checkpoint(path)), dict(small))
     torch.save({key: tensor.half() for key, tensor in small.items()}, tmp_path / "half.pt")
-    read = read_tensors(tmp_path / "half.pt").values()
+    read = read_torch_checkpoint(tmp_path / "half.pt").values()
     assert {tensor.dtype for tensor in read} == {torch.float32}
 
 
@@ -138,7 +138,7 @@ def test_nothing_in_a_file_is_executed(tmp_path):
     (tmp_path / "old.pt").write_bytes(pickle.dumps({"weight": _Harmful(mark)}, protocol=2))
     for name in ("new.pt", "old.pt"):
         with pytest.raises(CheckpointError, match=f"{name} cannot be read as a checkpoint"):
-            read_tensors(tmp_path / name)
+            read_torch_checkpoint(tmp_path / name)
     assert not mark.exists()
 
 
@@ -153,9 +153,9 @@ def test_what_is_no_checkpoint_is_told(tmp_path):
     for name, sentence in {
         **dict.fromkeys(contents, "cannot be read as a checkpoint"),
         "zip.zip": "(cannot be read|holds)",
-        "list.pt": "holds no table of tensors",
+        "list.pt": "holds no dictionary of tensors",
         "number.pt": "holds a int as 'epoch'",
-        "two.zip": "holds 2 files; a zip of one checkpoint",
+        "two.zip": "holds 2 files, but a zip must hold exactly one checkpoint",
     }.items():
         with pytest.raises(CheckpointError, match=f"{name} {sentence}"):
-            read_tensors(tmp_path / name)
+            read_torch_checkpoint(tmp_path / name)

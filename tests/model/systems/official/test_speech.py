@@ -100,7 +100,9 @@ def test_models_that_the_networks_do_not_know_are_told(tmp_path, encoder_of):
         {"model_type": "wavlm", "hidden_size": 768},
     ):
         (tmp_path / "config.json").write_text(json.dumps(config))
-        told = f"holds a {config['model_type']} of width {config['hidden_size']}; the authors'"
+        told = (
+            f"holds a {config['model_type']} with hidden size {config['hidden_size']}; the authors'"
+        )
         with pytest.raises(EncoderError, match=told):
             encoder_of(tmp_path)
     (tmp_path / "config.json").write_text('{"model_type": "wavlm", "hidden_size": 1024}')
@@ -115,9 +117,9 @@ def test_prepared_features_are_those_of_one_speech(tmp_path, encoder_of):
     encoder = encoder_of(tmp_path / "clip.npz")
     features = torch.from_numpy(encoder.encode(made_waveform(80_000), 150))
     np.testing.assert_array_equal(frames_to_window(features[52:112]), windows[1])
-    with pytest.raises(EncoderError, match=r"features of 3 windows, but this speech needs 6"):
+    with pytest.raises(EncoderError, match=r"features of 3 windows, but this speech has 6"):
         encoder.encode(made_waveform(160_000), 300)
-    with pytest.raises(EncoderError, match="but this speech needs 1"):
+    with pytest.raises(EncoderError, match="but this speech has 1"):
         encoder.encode(made_waveform(100), 3)
     np.save(tmp_path / "two.npy", windows[:2])
     assert encoder_of(tmp_path / "two.npy").encode(made_waveform(100), 3).shape == (3, 2048)

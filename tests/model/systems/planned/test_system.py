@@ -164,7 +164,7 @@ def test_windows_of_plans_are_those_of_their_clips_and_keep_time_with_faster_cop
     np.testing.assert_array_equal(held[0, :6], np.repeat(plans.tracks[[clips[-1].start]], 6, 0))
     assert set(np.unique(plans.kinds[: data.clips[0].stop])) == {
         0,
-        plans.kind_table.number_of("offer"),
+        plans.kind_table.number_or_zero("offer"),
     }
     events = plans.events(batch)
     assert events.event["right"].shape == (8, 60)
