@@ -504,7 +504,7 @@ class _Archive:
             if choice not in (*candidates, *numbers):
                 raise MotionError(
                     f"{self.name} contains {len(candidates)} motions: {', '.join(names[:12])}; "
-                    f"choose one by name or number (--assume motion=1)."
+                    "choose one by name or number (--assume motion=1)."
                 )
             before = choice if choice in candidates else list(candidates)[numbers.index(choice)]
             self.motion_choice = Assumption("motion", choice, "set by you", "user", tuple(names))

@@ -116,7 +116,7 @@ def augmented_speech(
     return speech
 
 
-def masked_conditions(
+def mask_conditions(
     config: TrainConfig,
     network: nn.Module,
     batch: Batch,

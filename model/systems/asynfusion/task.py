@@ -36,7 +36,7 @@ from model.training.targets import (
     Targets,
     fit_components_and_prior,
     fit_or_reuse_face_prior,
-    masked_conditions,
+    mask_conditions,
     prepare_targets,
     prior_batches,
 )
@@ -100,7 +100,7 @@ class BranchesTask(SingleNetworkTask):
             seed_frames = config.network.seed_frames
             conditions: dict[str, Any] = {"seed": map_branches(lambda x: x[:, :seed_frames], x_1)}
             droppable = "seed", "speech", "speaker"
-            conditions |= masked_conditions(config, network, batch, draws, droppable)
+            conditions |= mask_conditions(config, network, batch, draws, droppable)
         with shard.autocast():
             predicted = network(x_t, t, **conditions)
             if self.teacher is not None:

@@ -11,7 +11,7 @@ from model.systems.face.config import FaceTrainConfig
 from model.systems.face.face import FaceNetwork
 from model.training import losses
 from model.training.parallel import ShardedRandom
-from model.training.targets import fit_or_reuse_face_prior, masked_conditions
+from model.training.targets import fit_or_reuse_face_prior, mask_conditions
 from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 
@@ -39,7 +39,7 @@ class FaceTask(SingleNetworkTask):
             x_1 = self.normaliser.normalise(units)
             x_0 = draws.noise(x_1.shape[1:])
             t = draws.flow_times(config.flow_time_power)
-            conditions = masked_conditions(
+            conditions = mask_conditions(
                 config, network, batch, draws, droppable=("seed", "speaker")
             )
             conditions["seed"] = x_1[:, : shape.seed_frames]

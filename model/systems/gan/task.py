@@ -24,7 +24,7 @@ from model.systems.gan.network import (
 from model.training import losses
 from model.training.losses import geometric_terms
 from model.training.parallel import ShardedRandom, compiled
-from model.training.targets import fit_or_reuse_motion_prior, masked_conditions, prepare_targets
+from model.training.targets import fit_or_reuse_motion_prior, mask_conditions, prepare_targets
 from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 MAX_DEVIATIONS = 5.0
@@ -169,7 +169,7 @@ class GanTask(SingleNetworkTask):
         t, s = shard.local_rows(number / counts), shard.local_rows((number - 1) / counts)
         x_s = diffuse(x_0, draws.noise(window), torch.zeros_like(s), s)
         x_t = diffuse(x_s, draws.noise(window), s, t)
-        conditions = masked_conditions(
+        conditions = mask_conditions(
             config, network, batch, draws, droppable=("seed", "speech", "speaker")
         )
         conditions["seed"] = x_0[:, : shape.seed_frames]

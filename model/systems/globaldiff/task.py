@@ -28,7 +28,7 @@ from model.training.targets import (
     Targets,
     fit_motion_normaliser,
     fit_or_reuse_motion_prior,
-    masked_conditions,
+    mask_conditions,
     prepare_targets,
 )
 from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
@@ -88,7 +88,7 @@ class MotionTask(SingleNetworkTask):
             x_1 = self.normaliser.normalise(vectors)
             x_0 = draws.noise(x_1.shape[1:])
             t = draws.flow_times(config.flow_time_power)
-            conditions = masked_conditions(config, network, batch, draws)
+            conditions = mask_conditions(config, network, batch, draws)
             conditions["expression"] = shard.local_rows(batch.arkit_weights)
             conditions["seed"] = x_1[:, : config.network.seed_frames]
             conditions |= self.extra_inputs(batch, draws)
